@@ -1,1 +1,1 @@
-"""Tables and figures, made only from the store and the published numbers."""
+"""Tables and figures, made from the store and the published numbers; imported as `bench.reports`."""

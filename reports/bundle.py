@@ -1,6 +1,6 @@
-"""A bundle: a zip file of stored runs with their tables and the report on them, which is made from it again.
+"""A bundle: a zip file of stored runs, their tables and the report, which can be made from it again.
 
-It holds the bytes of one time for equal runs, and no path of the machine. Nothing of a bundle is unpacked to files.
+Equal runs give equal bytes. It holds no path of the machine, and reading it unpacks no file.
 """
 
 from __future__ import annotations
@@ -15,38 +15,25 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from bench.corpora.read.archive import opened
-from bench.corpora.read.limits import called, check_file
+from bench.corpora.read.archive import open_zip
+from bench.corpora.read.limits import check_file, file_name
 from bench.errors import InputError
 from bench.ground.progress import warn
-from bench.ground.registry import run_views
-from bench.ground.scratch import replacing
-from bench.reports.comparison import command
-from bench.store.tables import file_of, read_table, write_table
-from bench.values.result import COMPARABLE, SAME_SYSTEM, Result, Tables, several
+from bench.ground.registry import views_of_runs
+from bench.ground.scratch import write_then_rename
+from bench.reports.comparison import command_line
+from bench.store.tables import read_table, table_file, write_table
+from bench.values.result import Result, RunTables, format_count
 
 FORMAT = 1
-HEAD, RUNS, TABLES, REPORT = (
-    "touchbench.json",
-    "runs.json",
-    "tables",
-    "report",
-)  # names in the zip file
+# Names in the zip file.
+HEAD, RUNS, TABLES, REPORT = "touchbench.json", "runs.json", "tables", "report"
 TIME = (1980, 1, 1, 0, 0, 0)  # of every file; the earliest that a zip file can hold
-OF_STORE = ("artifacts", "mlflow.")  # beginnings of names of what says only where a run was stored
-NEEDED = (
-    *COMPARABLE,
-    *SAME_SYSTEM,
-    "synthetic",
-    "touchbench.kind",
-    "run_id",
-    "status",
-    "started",
-)  # of each run
-FOLDER = re.compile(
-    r"(?:/|[A-Za-z]:[/\\]).*[/\\](?=[^/\\]+\.py(:\w+)?$)"
-)  # of a part in a file of the user's
+OF_STORE = ("artifacts", "mlflow.")  # beginnings of tags that say only where a run was stored
+# The folder of a part in a file of the user's.
+FOLDER = re.compile(r"(?:/|[A-Za-z]:[/\\]).*[/\\](?=[^/\\]+\.py(:\w+)?$)")
 BROKEN = "damaged, or no zip file ({}); get it again"
+StoredRun = dict[str, dict[str, Any]]  # attributes ("about") and metrics
 README = """A report of touchbench {version} with everything behind it.
 
 report/          the page, CSV and LaTeX tables, figures
@@ -74,98 +61,89 @@ class Bundle:
     def __init__(self, path: Path) -> None:
         check_file(path)
         self.path = path
-        with opened(path, BROKEN) as (archive, members):
-            names = [member.filename for member in members]
-            if HEAD not in names:
+        with open_zip(path, BROKEN) as (archive, members):
+            self.names = [member.filename for member in members]
+            if HEAD not in self.names:
                 raise InputError(
-                    f"{called(path)}: no bundle of bench report; make one with bench report bundle=FILE.zip"
+                    f"{file_name(path)}: no bundle of bench report; make one with "
+                    "bench report bundle=FILE.zip"
                 )
             head = json.loads(archive.read(HEAD))
             if head["format"] > FORMAT:
                 raise InputError(
-                    f"{called(path)}: made by touchbench {head['touchbench']} in format {head['format']}, this version "
-                    f"reads format {FORMAT}; install that one"
+                    f"{file_name(path)}: made by touchbench {head['touchbench']} in format "
+                    f"{head['format']}, this version reads format {FORMAT}; install that one"
                 )
-            self.tables: dict[str, list[str]] = {}  # of each run
-            for run_id, table in re.findall(
-                rf"^{TABLES}/(.+)/(.+)\.parquet$", "\n".join(names), re.MULTILINE
-            ):
-                self.tables.setdefault(run_id, []).append(table)
             if damaged := archive.testzip():
                 raise ValueError(damaged)
             self.options = {str(key): str(value) for key, value in head["options"].items()}
-            self.runs: list[dict[str, dict[str, Any]]] = json.loads(archive.read(RUNS))
-            for run in self.runs:
-                if missing := [
-                    name for name in NEEDED if name not in {*run["about"], *run["metrics"]}
-                ]:
-                    raise ValueError(f"a run lacks {missing[0]}")
-        if strange := sum(run["about"]["touchbench.kind"] not in run_views() for run in self.runs):
+            self.runs: list[StoredRun] = json.loads(archive.read(RUNS))
+            kinds = [str(run["about"]["touchbench.kind"]) for run in self.runs]
+        if unknown := sum(kind not in views_of_runs() for kind in kinds):
             warn(
-                f"{several(strange, 'run')} of {called(path)} left out: install the add-ons that made them"
+                f"{format_count(unknown, 'run')} of {file_name(path)} left out: "
+                "install the add-ons that made them"
             )
 
-    def of_kind(self, *kinds: str, data: str = "") -> list[dict[str, dict[str, Any]]]:
+    def runs_of_kind(self, *kinds: str, data: str = "") -> list[StoredRun]:
         """The runs of some kinds: all, or those on one corpus."""
-        kept = [run for run in self.runs if run["about"]["touchbench.kind"] in kinds]
-        return [run for run in kept if data in ("", run["about"]["data"])]
+        runs = [run for run in self.runs if run["about"]["touchbench.kind"] in kinds]
+        return [run for run in runs if data in ("", run["about"]["data"])]
 
-    def result(self, run: Mapping[str, dict[str, Any]]) -> Result:
+    def load_result(self, run: StoredRun) -> Result:
         """A run as a result; its tables are read when they are asked for."""
         run_id = run["about"]["run_id"]
-        held, this = self.tables.get(run_id, []), f"{called(self.path)}, run {run_id}"
+        label = f"{file_name(self.path)}, run {run_id}"
+        folder = f"{TABLES}/{run_id}/"
+        files = [name.removeprefix(folder) for name in self.names if name.startswith(folder)]
+        tables = [name.removesuffix(".parquet") for name in files]
 
         def read(name: str, columns: Sequence[str] = ()) -> Any:
-            if name not in held:
+            if name not in tables:
                 return None
-            with opened(self.path, BROKEN) as (archive, _):
-                return read_table(
-                    io.BytesIO(archive.read(f"{TABLES}/{run_id}/{file_of(name)}")),
-                    name,
-                    this,
-                    columns,
-                )
+            with open_zip(self.path, BROKEN) as (archive, _):
+                content = io.BytesIO(archive.read(folder + table_file(name)))
+            return read_table(content, name, label, columns)
 
-        return Result(
-            run["about"],
-            run["metrics"],
-            Tables({}, read, f"{this} is missing; get it again", lambda: held),
-        )
+        missing = f"{label} is missing; get it again"
+        return Result(run["about"], run["metrics"], RunTables({}, read, missing, lambda: tables))
 
-    def add(self, folder: Path, files: Iterable[Path]) -> None:
+    def add_report(self, folder: Path, files: Iterable[Path]) -> None:
         """Add the files of a report in a folder."""
         with zipfile.ZipFile(self.path, "a") as archive:
             for file in sorted(files):
-                _add(archive, f"{REPORT}/{file.relative_to(folder).as_posix()}", file.read_bytes())
+                name = f"{REPORT}/{file.relative_to(folder).as_posix()}"
+                _add_file(archive, name, file.read_bytes())
 
 
 @contextmanager
-def writing(
+def write_bundle(
     path: Path, results: Collection[Result], options: Mapping[str, str]
 ) -> Iterator[Bundle]:
-    """Write results and the options of their report as a bundle, and yield it, to make and add the report.
+    """Write results and the options of their report as a bundle; yield it to add the report.
 
     Raises:
         InputError: the file cannot be written; what was there stays.
     """
     try:
-        with replacing(path) as beside:
-            with zipfile.ZipFile(beside, "w") as archive:
-                for name, content in _files(results, options):
-                    _add(archive, name, content)
-            yield Bundle(beside)
+        with write_then_rename(path) as scratch:
+            with zipfile.ZipFile(scratch, "w") as archive:
+                for name, content in _bundle_files(results, options):
+                    _add_file(archive, name, content)
+            yield Bundle(scratch)
     except OSError as e:
-        raise InputError(
-            f"bundle={path} cannot be written ({e.strerror or e}); choose another place"
-        ) from e
+        message = f"bundle={path} cannot be written ({e.strerror or e}); choose another place"
+        raise InputError(message) from e
 
 
-def _files(results: Collection[Result], options: Mapping[str, str]) -> Iterator[tuple[str, bytes]]:
+def _bundle_files(
+    results: Collection[Result], options: Mapping[str, str]
+) -> Iterator[tuple[str, bytes]]:
     """The files of a bundle without its report, by name."""
-    runs = [{"about": _portable(r.about), "metrics": r.metrics} for r in results]
+    runs = [{"about": _without_folders(r.attributes), "metrics": r.metrics} for r in results]
     head = {"format": FORMAT, "touchbench": version("touchbench"), "options": dict(options)}
     corpora = sorted({f"{r['data']} {r['corpus_digest']}" for r in results})
-    commands = dict.fromkeys(command(Result(run["about"], {}, {})) for run in runs)
+    commands = dict.fromkeys(command_line(Result(run["about"], {}, {})) for run in runs)
     texts = {
         HEAD: json.dumps(head, indent=1, sort_keys=True),
         "README.txt": README.format(version=head["touchbench"], corpora="\n".join(corpora)),
@@ -177,25 +155,20 @@ def _files(results: Collection[Result], options: Mapping[str, str]) -> Iterator[
         for name in sorted(r.tables):
             buffer = io.BytesIO()
             write_table(r.tables[name], buffer)
-            yield f"{TABLES}/{r['run_id']}/{file_of(name)}", buffer.getvalue()
+            yield f"{TABLES}/{r['run_id']}/{table_file(name)}", buffer.getvalue()
 
 
-def _add(archive: zipfile.ZipFile, name: str, content: bytes) -> None:
+def _add_file(archive: zipfile.ZipFile, name: str, content: bytes) -> None:
     entry = zipfile.ZipInfo(name, TIME)
     entry.create_system, entry.external_attr = 3, 0o644 << 16  # as on Unix, wherever it is written
     archive.writestr(entry, content, zipfile.ZIP_DEFLATED)
 
 
-def _portable(about: Mapping[str, Any]) -> dict[str, Any]:
-    """What a run is without the store and the folders of this machine."""
+def _without_folders(about: Mapping[str, Any]) -> dict[str, Any]:
+    """Attributes of a run without the places of its store and the folders of this machine."""
     kept = {key: value for key, value in about.items() if not key.startswith(OF_STORE)}
-    texts = [value for value in kept.values() if isinstance(value, str)]
-    folders = sorted(
-        {found[0] for text in texts if (found := FOLDER.match(text))}, key=len, reverse=True
-    )
-    for folder in folders:
-        kept = {
-            key: value.replace(folder, "") if isinstance(value, str) else value
-            for key, value in kept.items()
-        }
-    return kept
+    texts = {key: value for key, value in kept.items() if isinstance(value, str)}
+    folders = {match[0] for text in texts.values() if (match := FOLDER.match(text))}
+    for folder in sorted(folders, key=len, reverse=True):
+        texts = {key: text.replace(folder, "") for key, text in texts.items()}
+    return kept | texts

@@ -15,15 +15,15 @@ import pandas as pd
 from markupsafe import Markup
 from matplotlib.ticker import LogLocator, MaxNLocator
 
-from bench.reading.choice import Choice, named
+from bench.reading.choice import Choice, candidate_name
 from bench.reports.figures import SYNTHETIC
-from bench.reports.layout import fragment
-from bench.reports.summary import Summary, family
-from bench.values.intervals import interval
-from bench.values.measures import Cost, costs, costs_of, three
-from bench.values.pareto import staircase
-from bench.values.sentences import sentences
-from bench.values.table import rows_of
+from bench.reports.layout import render_fragment
+from bench.reports.summary import Summary, model_family
+from bench.values.intervals import mean_interval
+from bench.values.measures import Cost, all_costs, costs_of_run_kind, format_three_digits
+from bench.values.pareto import front_corners
+from bench.values.sentences import render_sentences
+from bench.values.table import rows_of_frame
 
 SHAPES = {  # of a family, around its point
     "features": '<circle r="5"/>',
@@ -55,7 +55,7 @@ class Axis(NamedTuple):
     high: float
     log: bool = False
 
-    def at(self, values: Any) -> Any:
+    def place(self, values: Any) -> Any:
         """Places of values, from 0 to 1."""
         return ((np.log10(values) if self.log else np.asarray(values)) - self.low) / (
             self.high - self.low
@@ -71,50 +71,59 @@ class Axis(NamedTuple):
             values = locator.tick_values(10**self.low, 10**self.high)
         else:
             values = MaxNLocator(6, steps=[1, 2, 5, 10]).tick_values(self.low, self.high)
-        return [(float(self.at(v)), three(v)) for v in values if 0 <= self.at(v) <= 1]
+        return [
+            (float(self.place(v)), format_three_digits(v))
+            for v in values
+            if 0 <= self.place(v) <= 1
+        ]
 
 
-def marks(summary: Summary, models: Mapping[str, str], published: Collection[str]) -> pd.DataFrame:
+def chart_points(
+    summary: Summary, models: Mapping[str, str], published: Collection[str]
+) -> pd.DataFrame:
     """The candidates that are drawn: ``name``, ``family``, ``kind``, ``verdict``, ``chosen``, ``out``, their numbers.
 
     ``kind`` is the mark of a candidate where that has a look of its own, such as ``C``, else ``published``, ``changed``
     (a published system with other parameters) or ``other``. ``out`` is True for candidates that a budget rules out.
     The numbers are ``accuracy`` with its interval (``low``, ``high``), and a column for each cost.
     """
-    assert summary.choice is not None and summary.among is not None
-    rows = drawn(summary.choice)
-    subjects = summary.among.subjects.loc[rows.index].to_numpy(dtype=float)
-    bounds = np.array([interval(row) for row in subjects]).clip(0, 100)
+    assert summary.choice is not None
+    rows = drawn_candidates(summary.choice)
+    subjects = summary.choice.candidates.subjects.loc[rows.index].to_numpy(dtype=float)
+    bounds = np.array([mean_interval(row) for row in subjects]).clip(0, 100)
     kinds = []
-    for row in rows_of(rows):
+    for row in rows_of_frame(rows):
         kind = "changed" if models[row["system"]] in published else "other"
         kind = "published" if row["system"] in published else kind
         kinds.append(row["mark"] if row["mark"] in LOOKS else kind)
-    made = {
-        "name": [named(row) for row in rows_of(rows)],
+    points = {
+        "name": [candidate_name(row) for row in rows_of_frame(rows)],
         "kind": kinds,
         "verdict": rows["verdict"],
-    }
-    made |= {"family": [family(models[system]) for system in rows["system"]]}
-    made |= {
+        "family": [model_family(models[system]) for system in rows["system"]],
         "chosen": rows.index == summary.choice.chosen,
         "out": rows["verdict"].str.startswith("ruled out"),
+        "accuracy": rows["accuracy"],
+        "low": bounds[:, 0],
+        "high": bounds[:, 1],
     }
-    made |= {"accuracy": rows["accuracy"], "low": bounds[:, 0], "high": bounds[:, 1]}
-    return pd.DataFrame(made | {cost: rows[cost] for cost in summary.costs}, index=rows.index)
+    return pd.DataFrame(points | {cost: rows[cost] for cost in summary.costs}, index=rows.index)
 
 
-def drawn(choice: Choice) -> pd.DataFrame:
+def drawn_candidates(choice: Choice) -> pd.DataFrame:
     """The most accurate candidates, with all that are on a front or chosen."""
     table = choice.table
     accuracy = table["accuracy"].to_numpy()
-    burdens = {name: costs()[name].burden(table[name].to_numpy(float)) for name in costs_of("")}
-    best = {i for burden in burdens.values() for i in table.index[staircase(accuracy, burden)]}
+    burdens = {
+        name: all_costs()[name].as_burden(table[name].to_numpy(float))
+        for name in costs_of_run_kind("")
+    }
+    best = {i for burden in burdens.values() for i in table.index[front_corners(accuracy, burden)]}
     best |= {choice.chosen, *table.sort_values("accuracy", ascending=False).index[:MOST]}
     return table[table.index.isin(best)]
 
 
-def cost_chart(
+def draw_cost_chart(
     group: str,
     points: pd.DataFrame,
     cost: Cost,
@@ -126,28 +135,30 @@ def cost_chart(
 
     ``best`` is the best published number on the same data under the same protocol, behind its source and system.
     """
-    points = points[(points[cost.key] > 0) | points[cost.key].notna() & cost.linear]
+    points = points[(points[cost.key] > 0) | points[cost.key].notna() & cost.is_linear]
     if not len(points):
         return None
     points = points.sort_values("accuracy", kind="stable", ignore_index=True)
     x, y = (points[c].to_numpy(float) for c in (cost.key, "accuracy"))
-    front = staircase(y, cost.burden(x))
+    front = front_corners(y, cost.as_burden(x))
     ends = points[["low", "high"]].to_numpy(float)
     ends = np.where(np.isnan(ends), y[:, None], ends)
-    across = _range(np.append(x, x[0] if budget is None else budget), cost.linear)
-    up = _tall(np.append(ends, best[-1] if best else y[0]))
+    across = _cost_axis(np.append(x, x[0] if budget is None else budget), cost.is_linear)
+    up = _accuracy_axis(np.append(ends, best[-1] if best else y[0]))
     left_edge, width = EDGES[0], EDGES[1] - EDGES[0]
-    places = np.column_stack([left_edge + width * across.at(x), ABOVE + HEIGHT * (1 - up.at(y))])
+    places = np.column_stack(
+        [left_edge + width * across.place(x), ABOVE + HEIGHT * (1 - up.place(y))]
+    )
     kept = np.flatnonzero(points["chosen"] | np.isin(np.arange(len(points)), front))
-    sides = _sides(places, [*points["name"]], kept[::-1])
-    high, low = (ABOVE + HEIGHT * (1 - up.at(ends[:, i])) for i in (1, 0))
+    sides = _place_names(places, [*points["name"]], kept[::-1])
+    high, low = (ABOVE + HEIGHT * (1 - up.place(ends[:, i])) for i in (1, 0))
     marks = []
     for i, point in enumerate(points.itertuples(index=False)):
         looks = {"hollow": point.kind == "changed", "chosen": point.chosen, "out": point.out}
         looks |= {"front": i in front, "named": i in kept}
         mark = {
             "name": point.name,
-            "about": _about(point, cost),
+            "about": _describe_point(point, cost),
             "x": places[i, 0],
             "y": places[i, 1],
         }
@@ -160,7 +171,7 @@ def cost_chart(
         marks.append(
             mark | {"shape": Markup(SHAPES[point.kind if point.kind in LOOKS else point.family])}
         )
-    caption = sentences(
+    caption = render_sentences(
         *("bench.reports", "sentences", "chart"),
         kinds={*points["kind"]},
         interval=points["low"].notna().any(),
@@ -175,16 +186,16 @@ def cost_chart(
     limit = (
         None
         if budget is None
-        else (left_edge + width * float(across.at(budget)), cost.amount(budget))
+        else (left_edge + width * float(across.place(budget)), cost.format_amount(budget))
     )
-    text = fragment(
+    text = render_fragment(
         "chart.jinja",
         about=f"{group}: {caption.split('. ')[0]}.",
         marks=marks,
         corners=places[front],
         limit=limit,
         better=cost.better,
-        best=best and (best[0], best[-1], ABOVE + HEIGHT * (1 - float(up.at(best[-1])))),
+        best=best and (best[0], best[-1], ABOVE + HEIGHT * (1 - float(up.place(best[-1])))),
         across=[(left_edge + width * place, words) for place, words in across.ticks],
         up=[(ABOVE + HEIGHT * (1 - place), words) for place, words in up.ticks],
         axis=textwrap.wrap(cost.axis, NARROW // LETTER - 12),
@@ -194,21 +205,21 @@ def cost_chart(
     return text, caption
 
 
-def _range(values: np.ndarray, linear: bool) -> Axis:
+def _cost_axis(values: np.ndarray, linear: bool) -> Axis:
     """The axis of some costs."""
     values = values if linear else np.log10(values)
     middle, reach = (values.max() + values.min()) / 2, max(np.ptp(values), 2 if linear else 0.5) / 2
     return Axis(middle - reach, middle + reach, not linear)
 
 
-def _tall(values: np.ndarray) -> Axis:
+def _accuracy_axis(values: np.ndarray) -> Axis:
     """The axis of some accuracies; no interval is cut off."""
     reach = max(np.ptp(values), 5) * 0.53
     middle = (values.max() + values.min()) / 2
     return Axis(middle - reach, middle + reach)
 
 
-def _sides(
+def _place_names(
     places: np.ndarray, names: Sequence[str], kept: Sequence[int]
 ) -> list[tuple[str, int, int]]:
     """Anchor and shift in pixels of each name; those that are kept cover each other and other points the least."""
@@ -242,7 +253,7 @@ def _sides(
     return sides
 
 
-def _about(point: object, cost: Cost) -> str:
+def _describe_point(point: object, cost: Cost) -> str:
     """The numbers of a mark."""
     bounds = "" if np.isnan(point.low) else f" [{point.low:.1f}, {point.high:.1f}]"
-    return f"{point.name}: {point.accuracy:.1f}{bounds} %, {cost.amount(getattr(point, cost.key))}; {point.verdict}"
+    return f"{point.name}: {point.accuracy:.1f}{bounds} %, {cost.format_amount(getattr(point, cost.key))}; {point.verdict}"

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bench.corpora.survey import DURATIONS, PRESSURE, Survey
-from bench.reports.figures import SYNTHETIC, Picture, new_figure, plain, save
-from bench.reports.layout import page
-from bench.values.table import Table, of_text
+from bench.reports.figures import SYNTHETIC, Picture, new_figure, save_figure, shorten_names
+from bench.reports.layout import render_page
+from bench.values.table import Table, text_table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -25,20 +25,22 @@ ROOT = 0.5  # colours follow the square root of the pressure, or light touch wou
 INDEX = "index.html"
 
 
-def write(found: Survey, folder: Path) -> list[Path]:
+def write_page(found: Survey, folder: Path) -> list[Path]:
     """Write the figures and a page that holds them all into a folder, which is made."""
     folder.mkdir(parents=True, exist_ok=True)
     synthetic = found.corpus.synthetic
     group = found.corpus.name + (" (synthetic)" if synthetic else "")
-    picture = film_figure(found, group, folder)
-    values = {"survey": found, "sections": _sections(found), "picture": picture}
+    picture = draw_film(found, group, folder)
+    values = {"survey": found, "sections": _make_sections(found), "picture": picture}
     values["synthetic"] = f"Synthetic: {SYNTHETIC}." if synthetic else ""
     index = folder / INDEX
-    index.write_text(page("corpus.jinja", f"Captures of {group}", **values), encoding="utf-8")
+    index.write_text(
+        render_page("corpus.jinja", f"Captures of {group}", **values), encoding="utf-8"
+    )
     return [picture.path, index]
 
 
-def _sections(found: Survey) -> list[tuple[str, str, Table | None]]:
+def _make_sections(found: Survey) -> list[tuple[str, str, Table | None]]:
     """Heading, words and table of each part of the page; no table where there is nothing to list."""
     parts: list[tuple[str, str, pd.DataFrame | None]] = []
     if (target := found.corpus.target) != "gesture":
@@ -53,10 +55,12 @@ def _sections(found: Survey) -> list[tuple[str, str, Table | None]]:
         *([("Seams", f"{'; '.join(map(str, found.seams))}.", None)] if found.seams else []),
         ("Duplicates", f"{found.duplicate_lines()[0]}.", found.duplicates),
     ]
-    return [_section(*part) for part in parts]
+    return [_make_section(*part) for part in parts]
 
 
-def _section(heading: str, words: str, table: pd.DataFrame | None) -> tuple[str, str, Table | None]:
+def _make_section(
+    heading: str, words: str, table: pd.DataFrame | None
+) -> tuple[str, str, Table | None]:
     """Heading, words and the first rows of a table."""
     words = words.removeprefix(f"{heading}: ")
     caption = words[0].upper() + words[1:]
@@ -64,10 +68,10 @@ def _section(heading: str, words: str, table: pd.DataFrame | None) -> tuple[str,
         return heading, caption, None
     more = f" The first {ROWS} rows of {len(table)}." if len(table) > ROWS else ""
     texts = table.head(ROWS).map(lambda v: f"{v:.4g}" if isinstance(v, float) else str(v))
-    return heading, caption + more, of_text(texts)
+    return heading, caption + more, text_table(texts)
 
 
-def _frame(ax: Axes, frame: np.ndarray, most: float) -> None:
+def _draw_frame(ax: Axes, frame: np.ndarray, most: float) -> None:
     """A frame in colours from 0 to the highest pressure."""
     from matplotlib.colors import PowerNorm
 
@@ -77,12 +81,12 @@ def _frame(ax: Axes, frame: np.ndarray, most: float) -> None:
     )
 
 
-def film_figure(found: Survey, group: str, folder: Path) -> Picture:
+def draw_film(found: Survey, group: str, folder: Path) -> Picture:
     """A row for each gesture: mean pressure, frames of a typical capture, and its total pressure."""
     corpus, names = found.corpus, found.gestures[:DRAWN]
     wide, high = (max(SIDE * side / max(corpus.grid), 0.3) for side in corpus.grid[::-1])
     size = (2.75 + (FILMED + 2) * (wide + GAP), 0.85 + len(names) * (high + 2 * GAP))
-    title = f"Mean pressure and a typical capture of each gesture, {plain([group])[0]}"
+    title = f"Mean pressure and a typical capture of each gesture, {shorten_names([group])[0]}"
     figure, axes = new_figure(
         size, (len(names), FILMED + 2), (1.95, 0.8, 0.45, 0.4), (GAP, 2 * GAP), title
     )
@@ -97,20 +101,25 @@ def film_figure(found: Survey, group: str, folder: Path) -> Picture:
         highest = max(float(frames[shown].max()), 1e-9)
         words = [
             gesture,
-            f"mean: 0 to {_value(most)}",
-            f"capture {capture}: 0 to {_value(highest)}",
+            f"mean: 0 to {_format_pressure(most)}",
+            f"capture {capture}: 0 to {_format_pressure(highest)}",
         ]
         words.append(f"subject {corpus.subjects[position]}")
         row[0].text(
-            -0.1, 1, "\n".join(plain(words, 26)), ha="right", va="top", transform=row[0].transAxes
+            -0.1,
+            1,
+            "\n".join(shorten_names(words, 26)),
+            ha="right",
+            va="top",
+            transform=row[0].transAxes,
         )
-        _frame(row[0], mean, most)
+        _draw_frame(row[0], mean, most)
         row[0].plot(
             found.odd_taxels["col"], found.odd_taxels["row"], "x", color="cyan", markersize=5
         )
         for ax, frame in zip(row[1:], frames[shown], strict=False):
-            _frame(ax, frame, highest)
-        _total(row[-1], frames, corpus.rate_hz, shown)
+            _draw_frame(ax, frame, highest)
+        _draw_total_pressure(row[-1], frames, corpus.rate_hz, shown)
     axes[-1, -1].set_xlabel("s")
     left = len(found.gestures) - len(names)
     caption = (
@@ -120,10 +129,10 @@ def film_figure(found: Survey, group: str, folder: Path) -> Picture:
         + " Crosses: odd taxels." * (len(found.odd_taxels) > 0)
         + f" {left} more gestures are not drawn." * (left > 0)
     )
-    return save(figure, folder, "captures", group, caption)
+    return save_figure(figure, folder, "captures", group, caption)
 
 
-def _total(ax: Axes, frames: np.ndarray, rate_hz: float, shown: np.ndarray) -> None:
+def _draw_total_pressure(ax: Axes, frames: np.ndarray, rate_hz: float, shown: np.ndarray) -> None:
     """The pressure summed over the taxels against seconds, with a line at each frame that is shown."""
     total = frames.sum(axis=(1, 2), dtype=np.float64)
     times = (np.arange(len(frames)) + 0.5) / rate_hz
@@ -132,10 +141,10 @@ def _total(ax: Axes, frames: np.ndarray, rate_hz: float, shown: np.ndarray) -> N
     ax.vlines(times[shown], *ax.get_ylim(), color="0.8", linewidth=0.6, zorder=0)
     ax.spines[["top", "left"]].set_visible(False)
     ax.yaxis.tick_right()
-    ax.set_yticks([float(total.max())], [_value(total.max())])
+    ax.set_yticks([float(total.max())], [_format_pressure(total.max())])
     ax.tick_params(length=2, pad=1.5)
 
 
-def _value(number: float) -> str:
+def _format_pressure(number: float) -> str:
     """A sensor value, or a sum of some, without an exponent where it is not huge."""
     return f"{number:.0f}" if 100 <= number < 1e7 else f"{number:.3g}"

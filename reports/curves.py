@@ -11,23 +11,25 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
-from bench.reports.figures import bars, log_ticks, look, new_figure, plain
+from bench.reports.figures import error_bars, line_style, new_figure, set_log_ticks, shorten_names
 from bench.values.result import Result
 
 NAME = 36  # characters of a line of a method's name
 PUBLISHED_PER_SECOND = (6, 9)  # decisions of the systems in the literature
 
 
-def levels(key: str, noun: str, results: Sequence[Result]) -> Figure:
+def draw_levels(key: str, noun: str, results: Sequence[Result]) -> Figure:
     """Accuracy against the level of a circumstance, a line for each system and case."""
     lines = []
     for i, r in enumerate(results):
         for case, curve in r.tables[key].groupby("case", sort=False):
-            lines.append((i, r.method if case == key else f"{r.method}, {case}", curve))
-    return curves(noun, lines, [r["accuracy"] for r in results])
+            lines.append(
+                (i, r.system_with_seed if case == key else f"{r.system_with_seed}, {case}", curve)
+            )
+    return draw_curves(noun, lines, [r["accuracy"] for r in results])
 
 
-def curves(
+def draw_curves(
     noun: str,
     lines: Sequence[tuple[int, str, pd.DataFrame]],
     clean: Sequence[float] = (),
@@ -43,15 +45,15 @@ def curves(
     for i, name, curve in lines:
         curve = curve.sort_values("level")
         middle, low, high = (100 * curve[end].to_numpy() for end in ("accuracy", "low", "high"))
-        ends = bars(middle, low, high)
+        ends = error_bars(middle, low, high)
         ax.errorbar(
             curve["level"],
             middle,
             yerr=ends,
             capsize=3,
             markersize=5,
-            label=plain([name])[0],
-            **look(i),
+            label=shorten_names([name])[0],
+            **line_style(i),
         )
     for i, accuracy in enumerate(clean):
         ax.axhline(100 * accuracy, color=f"C{i % 10}", linewidth=0.8, linestyle=":")
@@ -61,7 +63,7 @@ def curves(
     return figure
 
 
-def heat_map(losses: pd.DataFrame, clean: Sequence[float], context: str) -> Figure:
+def draw_heat_map(losses: pd.DataFrame, clean: Sequence[float], context: str) -> Figure:
     """Mean loss of accuracy over severities, a row for each method and a column for each fault, costliest first."""
     points = 100 * losses[losses.mean().sort_values(ascending=False, kind="stable").index]
     methods, faults = points.shape
@@ -93,7 +95,7 @@ def heat_map(losses: pd.DataFrame, clean: Sequence[float], context: str) -> Figu
     return figure
 
 
-def touch_seen(results: Sequence[Result]) -> Figure:
+def draw_touch_seen(results: Sequence[Result]) -> Figure:
     """Accuracy against time seen, and fixed windows beside adaptive stopping, of comparable results.
 
     Left, the shade behind a line is the t-interval over subjects. Right, the line joins fixed windows, dashes join the
@@ -119,9 +121,9 @@ def touch_seen(results: Sequence[Result]) -> Figure:
     dashed = {"linestyle": "--", "markerfacecolor": "white", "linewidth": 1}
     star = {"markersize": 14, "markeredgecolor": "black"}
     for i, r in enumerate(results):
-        style = look(i) | {"markersize": 5}
+        style = line_style(i) | {"markersize": 5}
         fixed, stopping, colour = r.tables["instants"], r.tables.get("stopping"), style["color"]
-        (entries[r.method],) = seen.plot(fixed["ms"], 100 * fixed["accuracy"], **style)
+        (entries[r.system_with_seed],) = seen.plot(fixed["ms"], 100 * fixed["accuracy"], **style)
         seen.fill_between(
             fixed["ms"], 100 * fixed["low"], 100 * fixed["high"], alpha=0.12, color=colour
         )
@@ -136,7 +138,7 @@ def touch_seen(results: Sequence[Result]) -> Figure:
             mean.errorbar(
                 r["adaptive_ms"],
                 end,
-                yerr=bars(end, low, high),
+                yerr=error_bars(end, low, high),
                 capsize=3,
                 fmt="*",
                 color=colour,
@@ -154,7 +156,7 @@ def touch_seen(results: Sequence[Result]) -> Figure:
     entries[words] = Line2D([], [], marker="*", linestyle="", **grey, **star)
     for ax in axes:
         ax.set_xscale("log")
-        log_ticks(ax.xaxis)
+        set_log_ticks(ax.xaxis)
         ax.grid(alpha=0.3)
     figure.legend(
         [*entries.values()],

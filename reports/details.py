@@ -15,48 +15,46 @@ from bench.reports.figures import (
     MARKERS,
     WIDEST,
     Picture,
-    bars,
+    error_bars,
     new_figure,
-    plain,
-    save,
-    width_of,
+    save_figure,
+    shorten_names,
+    text_width,
 )
+from bench.reports.sections import runs_of_systems
 from bench.values import few, intervals, scores
-from bench.values.intervals import interval
-from bench.values.result import Result, seed_number
+from bench.values.intervals import mean_interval
+from bench.values.result import Result
 
 WRITTEN = 20  # classes up to which the numbers fit into their cells
 SYSTEMS = 2  # systems of a group whose predictions are read and drawn
 
 
-def pictures(
+def draw_group_figures(
     results: Sequence[Result], subjects: pd.DataFrame, group: str, folder: Path, file: str
 ) -> dict[str, Picture]:
     """The figures of a group, written into a folder, by kind.
 
     Predictions are those of the most accurate systems, one seed each, not the luckiest.
     """
-    lowest: dict[str, Result] = {}
-    for r in sorted((r for r in results if r.complete), key=lambda r: seed_number(r["seed"])):
-        lowest.setdefault(r.system, r)
+    runs = runs_of_systems(results)
     figures: dict[str, tuple[Figure, str]] = {}
     recalls = {}
     for system in subjects.index[:SYSTEMS]:
-        if (table := lowest[system].tables.get("predictions")) is None:
+        if (table := runs[system][0].tables.get("predictions")) is None:
             continue
-        labelled, classes = scores.captures(table), scores.classes_of(table)
+        labelled, classes = scores.label_captures(table), scores.classes_of(table)
         if not recalls:
-            figures["confusion"] = confusion_figure(
-                scores.confusion(labelled, classes), system, group
-            )
+            counts = scores.confusion_table(labelled, classes)
+            figures["confusion"] = confusion_figure(counts, system, group)
         recalls[system] = recall_interval(labelled, classes)
     if recalls:
         figures["gestures"] = gesture_figure(recalls, group)
     if len(subjects):
-        figures["subjects"] = strip_plot(subjects, group)
+        figures["subjects"] = subject_figure(subjects, group)
     return {
-        kind: save(drawn, folder, f"{file}-{kind}", group, words)
-        for kind, (drawn, words) in figures.items()
+        kind: save_figure(figure, folder, f"{file}-{kind}", group, caption)
+        for kind, (figure, caption) in figures.items()
     }
 
 
@@ -64,107 +62,86 @@ def confusion_figure(counts: pd.DataFrame, system: str, group: str) -> tuple[Fig
     """Counts [true, predicted] and percent of each true class, side by side, or one below the other."""
     values = counts.to_numpy(dtype=float)
     share = 100 * values / np.maximum(values.sum(axis=1, keepdims=True), 1)
-    k, names = len(counts), plain(counts.columns)
-    side = max(2.4, 0.34 * min(k, WRITTEN))
-    edge = width_of(counts.columns) + 0.4
-    beside = 2 * (side + edge) + 0.4 <= WIDEST
-    size = (
-        (2 * (side + edge) + 0.4, side + edge + 0.75)
-        if beside
-        else (side + edge + 0.2, 2 * (side + edge) + 1.15)
-    )
-    title = f"{plain([system])[0]}\n{group}"
+    classes, names = len(counts), shorten_names(counts.columns)
+    side = max(2.4, 0.34 * min(classes, WRITTEN))
+    edge = text_width(counts.columns) + 0.4
+    size, panels = (2 * (side + edge) + 0.4, side + edge + 0.75), (1, 2)
+    if size[0] > WIDEST:
+        size, panels = (side + edge + 0.2, 2 * (side + edge) + 1.15), (2, 1)
+    title = f"{shorten_names([system])[0]}\n{group}"
     margins, between = (edge, 0.2, edge, 0.75), (edge + 0.2, edge + 0.4)
-    figure, axes = new_figure(size, (1, 2) if beside else (2, 1), margins, between, title)
-    for ax, shown, words in zip(
-        axes.flat, (values, share), ("captures", "% of the true gesture"), strict=True
-    ):
-        edges = np.arange(len(names) + 1) - 0.5, np.arange(k + 1) - 0.5
+    figure, axes = new_figure(size, panels, margins, between, title)
+    edges = np.arange(len(names) + 1) - 0.5, np.arange(classes + 1) - 0.5
+    panels_shown = (values, "captures"), (share, "% of the true gesture")
+    for ax, (shown, heading) in zip(axes.flat, panels_shown, strict=True):
         ax.pcolormesh(*edges, share, cmap="Blues", vmin=0, vmax=100, clip_on=False)
-        ax.set(aspect="equal", ylim=(k - 0.5, -0.5), xlabel="predicted", ylabel="true", title=words)
+        ax.set(aspect="equal", ylim=(classes - 0.5, -0.5), title=heading)
+        ax.set(xlabel="predicted", ylabel="true")
         ax.set_xticks(np.arange(len(names)), names, rotation=90)
-        ax.set_yticks(np.arange(k), plain(counts.index))
-        for i, j in np.argwhere(shown) if k <= WRITTEN else ():
+        ax.set_yticks(np.arange(classes), shorten_names(counts.index))
+        for i, j in np.argwhere(shown) if classes <= WRITTEN else ():
             colour = "white" if share[i, j] > 60 else "black"
             ax.text(j, i, f"{shown[i, j]:.0f}", ha="center", va="center", color=colour)
-    unwritten = "" if k <= WRITTEN else " The numbers are in confusion.csv of the run."
-    return (
-        figure,
-        f"Confusion of captures by {system}: counts, and percent of each true gesture.{unwritten}",
-    )
+    caption = f"Confusion of captures by {system}: counts, and percent of each true gesture."
+    if classes > WRITTEN:
+        caption += " The numbers are in confusion.csv of the run."
+    return figure, caption
 
 
 def gesture_figure(tables: dict[str, pd.DataFrame], group: str) -> tuple[Figure, str]:
     """Percent of each gesture that is labelled correctly, with intervals over subjects: `recall_interval` by system."""
     classes = list(next(iter(tables.values())).index)
     size = (9, LINE * 1.2 * len(classes) * max(2, len(tables)) + 0.9 + 0.25 * len(tables))
-    margins = (width_of(classes) + 0.25, 0.15, 0.55 + 0.25 * len(tables), 0.35)
+    margins = (text_width(classes) + 0.25, 0.15, 0.55 + 0.25 * len(tables), 0.35)
     figure, axes = new_figure(size, margins=margins, title=group)
     ax = axes[0, 0]
+    style = {"markersize": 5, "elinewidth": 0.9, "capsize": 2}
     for i, (system, table) in enumerate(tables.items()):
         y = np.arange(len(classes)) + 0.7 * ((i + 0.5) / len(tables) - 0.5)
-        look = {
-            "fmt": MARKERS[i % len(MARKERS)],
-            "color": f"C{i}",
-            "markersize": 5,
-            "elinewidth": 0.9,
-            "capsize": 2,
-        }
-        ends = bars(table["recall"], table["low"], table["high"])
-        ax.errorbar(table["recall"], y, xerr=ends, label=plain([system])[0], **look)
-    ax.set_yticks(np.arange(len(classes)), plain(classes))
-    ax.set(
-        ylim=(len(classes) - 0.4, -0.6),
-        xlim=(-2, 102),
-        xlabel="correctly classified captures of the gesture, %",
-    )
+        ends = error_bars(table["recall"], table["low"], table["high"])
+        look = style | {"fmt": MARKERS[i % len(MARKERS)], "color": f"C{i}"}
+        ax.errorbar(table["recall"], y, xerr=ends, label=shorten_names([system])[0], **look)
+    ax.set_yticks(np.arange(len(classes)), shorten_names(classes))
+    ax.set(ylim=(len(classes) - 0.4, -0.6), xlim=(-2, 102))
+    ax.set(xlabel="correctly classified captures of the gesture, %")
     ax.grid(axis="x", alpha=0.25)
     figure.legend(loc="lower center", ncols=1, frameon=False)
-    known = any(table["low"].notna().any() for table in tables.values())
-    ends = ", with 95 % bootstrap intervals over subjects" * known
-    return figure, f"Correctly classified captures of each gesture{ends}, one seed each."
+    caption = "Correctly classified captures of each gesture"
+    if any(table["low"].notna().any() for table in tables.values()):
+        caption += ", with 95 % bootstrap intervals over subjects"
+    return figure, f"{caption}, one seed each."
 
 
-def draw(result: Result, folder: Path) -> None:
+def draw_confusions(result: Result, folder: Path) -> None:
     """Draw the confusions of a run into a folder."""
-    group = ", ".join(result.context)
-    figure, caption = confusion_figure(
-        result.tables["confusion"].set_index("true"), result.method, group
-    )
-    save(figure, folder, "confusion", group, caption)
+    group, counts = ", ".join(result.context), result.tables["confusion"].set_index("true")
+    figure, caption = confusion_figure(counts, result.system_with_seed, group)
+    save_figure(figure, folder, "confusion", group, caption)
 
 
-def strip_plot(subjects: pd.DataFrame, group: str) -> tuple[Figure, str]:
+def subject_figure(subjects: pd.DataFrame, group: str) -> tuple[Figure, str]:
     """A mark for the accuracy of each subject, with the mean and its t-interval, of the first systems."""
-    kept = subjects.iloc[: statistics.RANKED]
-    margins = (width_of(kept.index) + 0.25, 0.15, 0.5, 0.35)
-    figure, axes = new_figure((9.5, LINE * 1.5 * len(kept) + 0.85), margins=margins, title=group)
-    ax = axes[0, 0]
-    values, rows = kept.to_numpy(dtype=float), np.arange(len(kept))
-    ax.plot(
-        values.ravel(),
-        rows.repeat(values.shape[1]),
-        "|",
-        color="0.35",
-        markersize=8,
-        markeredgewidth=1,
-    )
-    low, high = np.array([interval(v) for v in values]).T.clip(0, 100)
+    first, people = subjects.iloc[: statistics.RANKED], subjects.shape[1]
+    margins = (text_width(first.index) + 0.25, 0.15, 0.5, 0.35)
+    figure, axes = new_figure((9.5, LINE * 1.5 * len(first) + 0.85), margins=margins, title=group)
+    ax, values, rows = axes[0, 0], first.to_numpy(dtype=float), np.arange(len(first))
+    ticks = {"color": "0.35", "markersize": 8, "markeredgewidth": 1}
+    ax.plot(values.ravel(), rows.repeat(people), "|", **ticks)
+    low, high = np.array([mean_interval(v) for v in values]).T.clip(0, 100)
     ax.hlines(rows, low, high, color="tab:blue", linewidth=3, alpha=0.35, zorder=1)
     ax.plot(values.mean(axis=1), rows, "o", color="tab:blue", markersize=5)
-    ax.set_yticks(rows, plain(kept.index))
-    ax.set(ylim=(len(kept) - 0.4, -0.6), xlabel="correctly classified captures of the subject, %")
+    ax.set_yticks(rows, shorten_names(first.index))
+    ax.set(ylim=(len(first) - 0.4, -0.6), xlabel="correctly classified captures of the subject, %")
     ax.grid(axis="x", alpha=0.25)
-    left = len(subjects) - len(kept)
-    return figure, (
-        f"Each tick is one of {subjects.shape[1]} subjects, the dot is their mean"
-        + (", the bar is its 95 % t-interval" if subjects.shape[1] >= few.INTERVAL else "")
-        + ". Seeds are averaged."
-        + (f" {left} less accurate systems are left out." if left else "")
-    )
+    caption = f"Each tick is one of {people} subjects, the dot is their mean"
+    caption += ", the bar is its 95 % t-interval" * (people >= few.FEWEST_FOR_INTERVAL)
+    caption += ". Seeds are averaged."
+    if omitted := len(subjects) - len(first):
+        caption += f" {omitted} less accurate systems are left out."
+    return figure, caption
 
 
-def drawn_confusions(
+def sample_confusions(
     labelled: pd.DataFrame, classes: list[str], draws: int, seed: int
 ) -> np.ndarray:
     """Confusions of whole subjects drawn with replacement, [draws, true, predicted]; the last is of abstentions."""
@@ -173,10 +150,9 @@ def drawn_confusions(
         pd.Index(classes).get_indexer(pd.Index(labelled[name])) for name in ("true", "predicted")
     )
     counts = np.zeros((len(people), len(classes), len(classes) + 1), np.int64)
-    np.add.at(
-        counts, (person[true >= 0], true[true >= 0], predicted[true >= 0]), 1
-    )  # -1 without a label
-    return np.einsum("ds,sij->dij", intervals.weights([len(counts)], draws, seed)[0], counts)
+    has_label = true >= 0
+    np.add.at(counts, (person[has_label], true[has_label], predicted[has_label]), 1)
+    return np.einsum("ds,sij->dij", intervals.draw_weights([len(counts)], draws, seed)[0], counts)
 
 
 def macro_interval(
@@ -186,12 +162,12 @@ def macro_interval(
 
     A class without a case counts 0, as in the score itself.
     """
-    if labelled["subject"].nunique() < few.INTERVAL:
+    if labelled["subject"].nunique() < few.FEWEST_FOR_INTERVAL:
         return np.nan, np.nan
-    pooled = drawn_confusions(labelled, classes, draws, seed)
+    pooled = sample_confusions(labelled, classes, draws, seed)
     right = np.einsum("dii->di", pooled[..., :-1])
     totals = pooled[..., :-1].sum(axis=1) if metric == "macro_precision" else pooled.sum(axis=2)
-    low, high = intervals.percentiles((right / np.maximum(totals, 1)).mean(axis=1))
+    low, high = intervals.percentile_interval((right / np.maximum(totals, 1)).mean(axis=1))
     return float(low), float(high)
 
 
@@ -199,18 +175,20 @@ def recall_interval(
     labelled: pd.DataFrame, classes: list[str], draws: int = 2000, seed: int = 0
 ) -> pd.DataFrame:
     """Percent of each class that is labelled correctly (``recall``), with its interval; NaN where no capture is."""
-    counts = scores.confusion(labelled, classes).to_numpy()
-    table = pd.DataFrame({"recall": _recalls(counts), "low": np.nan, "high": np.nan}, index=classes)
-    if labelled["subject"].nunique() >= few.INTERVAL:
-        shares = _recalls(drawn_confusions(labelled, classes, draws, seed))
+    counts = scores.confusion_table(labelled, classes).to_numpy()
+    table = pd.DataFrame(
+        {"recall": _recall_percent(counts), "low": np.nan, "high": np.nan}, index=classes
+    )
+    if labelled["subject"].nunique() >= few.FEWEST_FOR_INTERVAL:
+        shares = _recall_percent(sample_confusions(labelled, classes, draws, seed))
         for i, drawn in enumerate(shares.T):
             seen = drawn[np.isfinite(drawn)]  # a class that nobody drawn has shown
             if len(seen):
-                table.iloc[i, 1:] = intervals.percentiles(seen)
+                table.iloc[i, 1:] = intervals.percentile_interval(seen)
     return table
 
 
-def _recalls(confusions: np.ndarray) -> np.ndarray:
+def _recall_percent(confusions: np.ndarray) -> np.ndarray:
     """Percent of each class, [..., classes], of confusions with or without a column for abstentions."""
     with np.errstate(invalid="ignore", divide="ignore"):
         right = np.einsum("...ii->...i", confusions[..., : confusions.shape[-2]])

@@ -10,7 +10,7 @@ PAPER = "fill: #ffffff"  # of a path that the page shows through
 CURVED = re.compile("[CQ]")  # commands of a marker that stays one
 
 
-def embedded(text: str, about: str, styles: dict[str, str]) -> str:
+def embed_svg(text: str, about: str, styles: dict[str, str]) -> str:
     """An SVG as a part of a page, with a label; ``styles`` gets the class of each style, which all drawings share."""
     root = fromstring(text)
     for element in root.iter():
@@ -21,7 +21,7 @@ def embedded(text: str, about: str, styles: dict[str, str]) -> str:
         )
     markers = {f"#{path.get('id')}": path for path in root.iter("path") if path.get("id")}
     inches, box = float(root.get("width", "0pt")[:-2]) / 72, root.get("viewBox", "")
-    (root,) = _shorter(
+    (root,) = _shorten_element(
         root, {key: path for key, path in markers.items() if not CURVED.search(path.get("d", ""))}
     )
     for element in root.iter():
@@ -31,7 +31,9 @@ def embedded(text: str, about: str, styles: dict[str, str]) -> str:
             element.set(
                 name,
                 re.sub(
-                    r"-?\d+\.\d+", lambda number: _short(float(number[0])), element.attrib[name]
+                    r"-?\d+\.\d+",
+                    lambda number: _round_points(float(number[0])),
+                    element.attrib[name],
                 ),
             )
     root.attrib = {
@@ -43,26 +45,28 @@ def embedded(text: str, about: str, styles: dict[str, str]) -> str:
     return tostring(root, "unicode").replace(" />", "/>")
 
 
-def _shorter(element: Element, markers: dict[str, Element]) -> list[Element]:
+def _shorten_element(element: Element, markers: dict[str, Element]) -> list[Element]:
     """What stands in the place of an element: it with fewer descendants, these, or nothing."""
     if "rotate(-0" in element.get("transform", ""):
         del element.attrib["transform"]
     if element.tag == "use" and (marker := markers.get(element.get("href", ""))) is not None:
-        style = _rules(element) | _rules(marker)
+        style = _style_rules(element) | _style_rules(marker)
         at = float(element.get("x", "0")), float(element.get("y", "0"))
         return [
             Element(
                 "path",
-                d=_path(marker.get("d", ""), *at),
+                d=_shorten_path(marker.get("d", ""), *at),
                 style="; ".join(f"{k}: {v}" for k, v in style.items()),
             )
         ]
     if element.tag == "path":
         if element.get("style") == PAPER or f"#{element.get('id')}" in markers:
             return []
-        element.set("d", _path(element.get("d", "")))
-    children = [new for child in element for new in _shorter(child, markers)]
-    element[:] = _joined(children) if all(child.tag == "path" for child in children) else children
+        element.set("d", _shorten_path(element.get("d", "")))
+    children = [new for child in element for new in _shorten_element(child, markers)]
+    element[:] = (
+        _join_paths(children) if all(child.tag == "path" for child in children) else children
+    )
     grouping = element.tag in ("g", "defs") and (element.tag == "g" or not children)
     return (
         [*element]
@@ -71,11 +75,11 @@ def _shorter(element: Element, markers: dict[str, Element]) -> list[Element]:
     )
 
 
-def _rules(element: Element) -> dict[str, str]:
+def _style_rules(element: Element) -> dict[str, str]:
     return dict(rule.split(": ", 1) for rule in element.get("style", "").split("; ") if rule)
 
 
-def _joined(paths: list[Element]) -> list[Element]:
+def _join_paths(paths: list[Element]) -> list[Element]:
     """Paths of one drawn object that look alike as one path."""
     alike: dict[tuple, Element] = {}
     for path in paths:
@@ -87,12 +91,13 @@ def _joined(paths: list[Element]) -> list[Element]:
     return [*alike.values()]
 
 
-def _path(data: str, x: float = 0, y: float = 0) -> str:
+def _shorten_path(data: str, x: float = 0, y: float = 0) -> str:
     """A path moved by so much, with one number for each level or upright line."""
     made, before = "", ["", ""]
     for command, numbers in re.findall("([MLCQz])([^MLCQz]*)", data):
         place = [
-            _short(float(number) + (y if i % 2 else x)) for i, number in enumerate(numbers.split())
+            _round_points(float(number) + (y if i % 2 else x))
+            for i, number in enumerate(numbers.split())
         ]
         if command == "L" and place != before and before[0] == place[0]:
             made += f"V{place[1]}"
@@ -104,7 +109,7 @@ def _path(data: str, x: float = 0, y: float = 0) -> str:
     return made
 
 
-def _short(number: float) -> str:
+def _round_points(number: float) -> str:
     """A number of points with three digits that count, or to a tenth."""
     text = f"{number:.{1 if abs(number) >= 10 else 2}f}".rstrip("0").rstrip(".")
     return "0" if text == "-0" else text

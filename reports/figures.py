@@ -72,12 +72,12 @@ def new_figure(
     return figure, axes
 
 
-def width_of(names: Iterable[str]) -> float:
+def text_width(names: Iterable[str]) -> float:
     """Inches that the longest of some names takes, about."""
-    return max(map(len, plain(names)), default=0) * TEXT * 0.0088
+    return max(map(len, shorten_names(names)), default=0) * TEXT * 0.0088
 
 
-def save(figure: Figure, folder: Path, name: str, group: str, caption: str) -> Picture:
+def save_figure(figure: Figure, folder: Path, name: str, group: str, caption: str) -> Picture:
     """Write a figure as SVG, all its text in one size; generated captures are marked on it."""
     from matplotlib.text import Text
 
@@ -109,13 +109,13 @@ def write_svg(figure: Figure, path: Path) -> None:
         figure.savefig(path, metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
 
 
-def bars(value: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+def error_bars(value: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """The error bars of matplotlib: distances down and up from each value, 0 without an interval."""
     value = np.asarray(value)
     return np.nan_to_num([value - np.asarray(low), np.asarray(high) - value]).clip(0)
 
 
-def look(i: int) -> dict[str, object]:
+def line_style(i: int) -> dict[str, object]:
     """Colour, marker and dashes of the line of a system, which differ in print, too."""
     return {
         "color": f"C{i % 10}",
@@ -124,7 +124,7 @@ def look(i: int) -> dict[str, object]:
     }
 
 
-def log_ticks(axis: Axis, subs: tuple[int, ...] = (1, 2, 5)) -> None:
+def set_log_ticks(axis: Axis, subs: tuple[int, ...] = (1, 2, 5)) -> None:
     """Plain numbers at some multiples of each power of ten, on a log axis."""
     from matplotlib.ticker import LogLocator, NullFormatter
 
@@ -133,6 +133,6 @@ def log_ticks(axis: Axis, subs: tuple[int, ...] = (1, 2, 5)) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def plain(names: Iterable[str], most: int = 44) -> list[str]:
+def shorten_names(names: Iterable[str], most: int = 44) -> list[str]:
     """Names that do not run out of their place, with dollar signs that matplotlib would take for formulas."""
     return [(n if len(n) <= most else n[: most - 1] + "…").replace("$", r"\$") for n in names]

@@ -14,24 +14,34 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bench.errors import InputError, nearest
-from bench.grammar.described import definitions
-from bench.reading.frame import by_subject
-from bench.reports.comparison import context_of
-from bench.reports.contexts import busy
+from bench.errors import InputError, suggest_names
+from bench.grammar.help import define_classifiers
+from bench.reading.frame import accuracy_by_subject
+from bench.reports.comparison import row_context
+from bench.reports.notes import busy_machine_notes
 from bench.values import few
 from bench.values.columns import run_columns, unit_headings
-from bench.values.measures import Cost, Measure, known, percent, text
-from bench.values.result import MARK, MIXED, MIXED_MARK, Result, Row, notes_on
-from bench.values.sentences import sentences
+from bench.values.measures import Cost, Measure, percent_measure, text_measure, value_or_none
+from bench.values.result import BATCH_MARK, MIXED_MARK, MIXED_NOTE, Result, Row, footnotes_of_system
+from bench.values.sentences import render_sentences
 from bench.values.table import Table
 
-SIGNS = r"\textbackslash{} \textasciitilde{} \textasciicircum{} $<$ \textgreater{} \textbar{} \char34{} \textquotesingle{}"
-SIGNS += r" \textasciigrave{} $\cdot$ $\pm$ $\times$ $^\dagger$ $^\ddagger$"
-ESCAPED = dict(
-    zip("\\~^<>|\"'`·±\N{MULTIPLICATION SIGN}" + MARK + MIXED_MARK, SIGNS.split(), strict=True)
-)
-ESCAPED |= {sign: rf"\{sign}" for sign in "&%$#_{}"}
+ESCAPED = {sign: rf"\{sign}" for sign in "&%$#_{}"} | {
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "<": "$<$",
+    ">": r"\textgreater{}",
+    "|": r"\textbar{}",
+    '"': r"\char34{}",
+    "'": r"\textquotesingle{}",
+    "`": r"\textasciigrave{}",
+    "·": r"$\cdot$",
+    "±": r"$\pm$",
+    "\N{MULTIPLICATION SIGN}": r"$\times$",
+    BATCH_MARK: r"$^\dagger$",
+    MIXED_MARK: r"$^\ddagger$",
+}
 LATIN = "\N{LATIN SMALL LETTER LONG S}"  # the last letter that pdflatex sets
 SCORES = ("accuracy", "macro_f1")  # columns under each protocol
 HEADINGS = {
@@ -39,268 +49,266 @@ HEADINGS = {
     "macro_f1": "macro-F1",
     "fit_seconds": "fit s",
     "predict_ms_p50": "ms",
+    "flash": "kB",
 }
-HEADINGS |= {"flash": "kB"}
-LONG, NARROW = (
-    32,
-    4,
-)  # letters of a name in one line; columns of a table in one of two columns of a page
-COSTS = {
-    "fit": "fit_seconds",
-    "predict": "predict_ms_p50",
-    "flash": "flash",
-}  # columns of `run_columns`, of a system
-FITTED = r"\resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}{"  # no wider than there is room
+LONG = 32  # letters of a name that fit into one line
+NARROW = 4  # columns of a table that fits into one of two columns of a page
+COSTS = {"fit": "fit_seconds", "predict": "predict_ms_p50", "flash": "flash"}  # key of each column
+# A table no wider than there is room.
+FITTED = r"\resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}{"
 
 
 @dataclass(frozen=True)
 class Paper:
-    """The systems on one corpus, subset and target, the most accurate under the first protocol first."""
+    """The systems on one corpus, subset and target, the most accurate under the first protocol first.
 
-    data: tuple[str, str]  # corpus and subset in words
+    Attributes:
+        corpus: corpus and subset in words.
+        table: a row per system.
+        headings: protocol and heading of each column of the table.
+        best: most accurate system of each column; empty for none.
+        notes: footnotes.
+    """
+
+    corpus: tuple[str, str]
     table: Table
-    heads: list[tuple[str, str]]  # of each column of the table: protocol and heading
-    best: list[str]  # for each column, its most accurate system; empty for none
+    headings: list[tuple[str, str]]
+    best: list[str]
     notes: list[str]
 
 
-def latex(rows: Sequence[Row]) -> str:
-    """The rows of `bench.reports.comparison.scored`, a table for all that may be compared."""
-    parts = [[*part] for _, part in groupby(rows, context_of)]
-    return _headed(
-        "corpus, subset, protocol and unit", [_one(part, i) for i, part in enumerate(parts, 1)]
-    )
+def comparison_latex(rows: Sequence[Row]) -> str:
+    """The rows of `bench.reports.comparison.score_rows`, a table for each set of comparable ones."""
+    parts = [[*part] for _, part in groupby(rows, row_context)]
+    tables = [_comparison_table(part, i) for i, part in enumerate(parts, 1)]
+    return _join_tables("corpus, subset, protocol and unit", tables)
 
 
-def side_by_side(made: Sequence[Paper]) -> str:
+def papers_latex(papers: Sequence[Paper]) -> str:
     """The tables of a paper; the most accurate system under each protocol is bold."""
-    return _headed("corpus and subset", [_side_by_side(one, i) for i, one in enumerate(made, 1)])
+    tables = [_paper_table(paper, i) for i, paper in enumerate(papers, 1)]
+    return _join_tables("corpus and subset", tables)
 
 
-def _headed(each: str, tables: Sequence[str]) -> str:
-    """The tables behind a line on what they need; another one names the engine where letters need one."""
-    words = f"% One table for each {each}. Needs \\usepackage{{booktabs,graphicx}}.\n"
-    text = "\n".join([words, *tables])
+def _join_tables(each: str, tables: Sequence[str]) -> str:
+    """The tables below a comment on the packages, and on the engine if letters need another one."""
+    packages = f"% One table for each {each}. Needs \\usepackage{{booktabs,graphicx}}.\n"
+    text = "\n".join([packages, *tables])
     engine = "% Letters beyond Latin: needs lualatex or xelatex, and a font that has them.\n"
     return engine * any(c.isalpha() and c > LATIN for c in text) + text
 
 
-def escaped(words: object) -> str:
+def escape_latex(words: object) -> str:
     """Text that LaTeX sets as it is."""
     return "".join(ESCAPED.get(c, c) for c in " ".join(str(words).split()) if c.isprintable())
 
 
-def _one(part: Sequence[Row], position: int) -> str:
-    """One table, its best accuracy in bold."""
-    table = Table([text("system", read=_named), *run_columns("latex")], part)
-    cells = table.shown().rename(
-        columns={m.name: HEADINGS.get(m.key, m.name) for m in table.columns}
-    )
-    compared = [
-        nan if row["system"].endswith(MARK) or len(part) == 1 else row["accuracy"] for row in part
-    ]
+def _comparison_table(rows: Sequence[Row], number: int) -> str:
+    """One table of comparable rows, its best accuracy in bold."""
+    table = Table([text_measure("system", source=_row_name), *run_columns("latex")], rows)
+    headings = {m.name: HEADINGS.get(m.key, m.name) for m in table.columns}
+    cells = table.to_text_frame().rename(columns=headings)
+    compared = [nan if row["system"].endswith(BATCH_MARK) else row["accuracy"] for row in rows]
     best = np.array(compared) == np.fmax.reduce(compared)  # nothing equals NaN
-    names, values = _classifiers(row["system"] for row in part)
-    return values + _written(
-        cells, {HEADINGS["accuracy"]: best}, _caption(part, names), f"{position}"
+    classifiers, comments = _classifier_sentences(row["system"] for row in rows)
+    caption = _comparison_caption(rows, classifiers)
+    bold = {HEADINGS["accuracy"]: best & (len(rows) > 1)}
+    return comments + _table_latex(cells, bold, caption, f"{number}")
+
+
+def _paper_table(paper: Paper, number: int) -> str:
+    systems = pd.Index([str(row["system"]) for row in paper.table.rows])
+    headings = pd.MultiIndex.from_tuples(paper.headings)
+    cells = paper.table.to_text_frame().set_axis(headings, axis=1)
+    best = {
+        heading: systems == name for heading, name in zip(paper.headings, paper.best, strict=True)
+    }
+    classifiers, comments = _classifier_sentences(systems)
+    caption = render_sentences(
+        *("bench.reports", "sentences", "paper"),
+        data=paper.corpus[0],
+        subset=paper.corpus[1],
+        notes=paper.notes,
+        classifiers=classifiers,
     )
+    return comments + _table_latex(cells, best, escape_latex(" ".join(caption)), f"paper-{number}")
 
 
-def _side_by_side(one: Paper, position: int) -> str:
-    systems = pd.Index([str(row["system"]) for row in one.table.rows])
-    cells = one.table.shown().set_axis(pd.MultiIndex.from_tuples(one.heads), axis=1)
-    best = {head: systems == name for head, name in zip(one.heads, one.best, strict=True)}
-    names, values = _classifiers(systems)
-    about = {"data": one.data[0], "subset": one.data[1], "notes": one.notes, "classifiers": names}
-    words = sentences("bench.reports", "sentences", "paper", **about)
-    return values + _written(cells, best, escaped(" ".join(words)), f"paper-{position}")
+def _classifier_sentences(systems: Iterable[str]) -> tuple[list[str], str]:
+    """A sentence for each classifier without parameters, whose names are those of the code; with them as comments."""
+    definitions = define_classifiers(systems)
+    comments = "".join(f"% {line}\n" for line in definitions)
+    return [re.sub(r" \(\S+=[^)]*\)\.$", ".", line) for line in definitions], comments
 
 
-def _classifiers(systems: Iterable[str]) -> tuple[list[str], str]:
-    """A sentence for each classifier without its parameters, whose names are of the code; with them, as comments."""
-    every = definitions(systems)
-    return [re.sub(r" \(\S+=[^)]*\)\.$", ".", each) for each in every], "".join(
-        f"% {each}\n" for each in every
-    )
-
-
-def _written(cells: pd.DataFrame, best: Mapping[Any, np.ndarray], caption: str, label: str) -> str:
-    """A table of text, no wider than its place on a page; ``best`` tells the bold cells of some columns."""
-    made, names = cells.map(escaped).replace("-", "--"), cells.iloc[:, 0]
-    for column, bold in best.items():
-        made[column] = made[column].mask(bold, r"\textbf{" + made[column] + "}")
-    if long := names.str.len().max() > LONG:
-        made.isetitem(
-            0,
-            r"\raggedright " + made.iloc[:, 0].str.replace(r"\_", r"\_\allowbreak{}", regex=False),
-        )
-    heads = [
-        tuple(map(escaped, head)) if isinstance(head, tuple) else escaped(head) for head in made
-    ]
-    made.columns = pd.Index(heads)
-    text = made.style.hide(axis="index").to_latex(
+def _table_latex(
+    cells: pd.DataFrame, bold: Mapping[Any, np.ndarray], caption: str, label: str
+) -> str:
+    """A table of text, no wider than its place on a page; ``bold`` has the bold cells of some columns."""
+    text = cells.map(escape_latex).replace("-", "--")
+    for column, mask in bold.items():
+        text[column] = text[column].mask(mask, r"\textbf{" + text[column] + "}")
+    is_long = cells.iloc[:, 0].str.len().max() > LONG
+    if is_long:
+        names = text.iloc[:, 0].str.replace(r"\_", r"\_\allowbreak{}", regex=False)
+        text.isetitem(0, r"\raggedright " + names)
+    if text.columns.nlevels > 1:
+        text.columns = pd.Index([tuple(map(escape_latex, heading)) for heading in text])
+    else:
+        text.columns = pd.Index([escape_latex(heading) for heading in text])
+    latex = text.style.hide(axis="index").to_latex(
         hrules=True,
-        column_format=("p{5cm}" if long else "l") + "r" * (len(heads) - 1),
+        column_format=("p{5cm}" if is_long else "l") + "r" * (len(text.columns) - 1),
         multicol_align="c",
         position_float="centering",
-        environment="table*" if long or len(heads) > NARROW else "table",
+        environment="table*" if is_long or len(text.columns) > NARROW else "table",
         caption=caption,
         label=f"tab:touchbench-{label}",
     )
-    return text.replace(r"\begin{tabular}", FITTED + r"\begin{tabular}").replace(
-        r"\end{tabular}", r"\end{tabular}}"
-    )
+    latex = latex.replace(r"\begin{tabular}", FITTED + r"\begin{tabular}")
+    return latex.replace(r"\end{tabular}", r"\end{tabular}}")
 
 
-def _caption(part: Sequence[Row], names: Sequence[str]) -> str:
-    """Data, subset, protocol, unit, number of captures and subjects, and what the numbers are."""
-    one, data = part[0], part[0]["data"]
-    corpus = re.search(r"corpus [0-9a-f]+$", one["group"])
-    subset = "all captures" if one["subset"] == "all" else f"captures with {one['subset']}"
-    known_of = lambda name: [value for row in part if (value := known(row.get(name))) is not None]  # noqa: E731
-    subjects = sorted({int(n) for n in known_of("subjects")})
-    words = sentences(
+def _comparison_caption(rows: Sequence[Row], classifiers: Sequence[str]) -> str:
+    """Data, subset, protocol, unit, number of captures and subjects, and the meaning of the columns."""
+    first, data = rows[0], rows[0]["data"]
+    corpus = re.search(r"corpus [0-9a-f]+$", first["group"])
+    subset = "all captures" if first["subset"] == "all" else f"captures with {first['subset']}"
+
+    def values(name: str) -> list[Any]:
+        return [value for row in rows if (value := value_or_none(row.get(name))) is not None]
+
+    subjects = sorted({int(n) for n in values("subjects")})
+    notes = [note.rstrip(".") for row in rows for note in footnotes_of_system(row["system"], data)]
+    words = render_sentences(
         *("bench.reports", "sentences", "caption"),
-        where=f"{data}{f' ({corpus[0]})' if corpus else ''}, {subset}, {one['protocol']}",
-        captures=_numbers(known_of("captures")),
-        subjects=_numbers(subjects),
+        where=f"{data}{f' ({corpus[0]})' if corpus else ''}, {subset}, {first['protocol']}",
+        captures=_number_range(values("captures")),
+        subjects=_number_range(subjects),
         synthetic="(synthetic)" in data,
-        unit=one["unit"],
-        interval=bool(known_of("accuracy_low")),
-        few=[few.too_few(n) for n in subjects if n < few.TEST],
-        timed=bool(known_of("predict_ms_p50")),
-        busy=[*dict.fromkeys(note for row in part for note in busy(row))],
-        against=next(iter(known_of("against")), "") if known_of("p_holm") else "",
-        classifiers=names,
-        notes=[
-            *dict.fromkeys(
-                note.rstrip(".") for row in part for note in notes_on(row["system"], data)
-            )
-        ],
+        unit=first["unit"],
+        interval=bool(values("accuracy_low")),
+        few=[few.too_few_sentence(n) for n in subjects if n < few.FEWEST_FOR_TEST],
+        timed=bool(values("predict_ms_p50")),
+        busy=[*dict.fromkeys(note for row in rows for note in busy_machine_notes(row))],
+        against=values("against")[0] if values("p_holm") else "",
+        classifiers=classifiers,
+        notes=[*dict.fromkeys(notes)],
     )
-    return escaped(" ".join(words)).replace(r"95 \%", r"95\,\%")
+    return escape_latex(" ".join(words)).replace(r"95 \%", r"95\,\%")
 
 
-def _numbers(values: Sequence[float]) -> str:
-    """A number that all rows share, or from which to which they go."""
-    ends = (
-        dict.fromkeys(f"{end(values):.0f}" for end in (min, max))
-        if values
-        else ["an unknown number of"]
-    )
-    return " to ".join(ends)
+def _number_range(values: Sequence[float]) -> str:
+    """A number that all rows share, or the range of different ones."""
+    if not values:
+        return "an unknown number of"
+    return " to ".join(dict.fromkeys(f"{end:.0f}" for end in (min(values), max(values))))
 
 
-def _named(row: Row) -> str:
-    """A run with what makes its row another one: failed folds, how windows are combined."""
+def _row_name(row: Row) -> str:
+    """The name of a run, with its failed folds and the way in which windows are combined."""
     done, _, folds = str(row.get("folds", "")).partition("/")
-    words = [
-        str(row["name"]),
-        f"{row['folds']} folds" if folds and done != folds else "",
-        row.get("combined") or "",
-    ]
-    return ", ".join(filter(None, words))
+    finished = f"{row['folds']} folds" if folds and done != folds else ""
+    return ", ".join(filter(None, [str(row["name"]), finished, row.get("combined")]))
 
 
-def columns_of(value: str | Iterable[str]) -> list[str]:
-    """The columns that ``paper=`` names: those of `SCORES` and `COSTS`."""
-    asked = value.split(",") if isinstance(value, str) else [*value]
-    known = [*SCORES, *COSTS]
-    for name in asked:
-        if name not in known:
-            raise InputError(f"paper={name}: {nearest(name, known)}")
-    if not {*SCORES} & {*asked}:
-        raise InputError(f"paper={','.join(asked)} has no score; add accuracy or macro_f1")
-    return [name for name in known if name in asked]
+def parse_columns(value: str | Iterable[str]) -> list[str]:
+    """The columns that ``paper=`` names: those of `SCORES` and `COSTS`.
+
+    Raises:
+        InputError: a name is none of these, or there is no score.
+    """
+    names = value.split(",") if isinstance(value, str) else [*value]
+    columns = [*SCORES, *COSTS]
+    for name in names:
+        if name not in columns:
+            raise InputError(f"paper={name}: {suggest_names(name, columns)}")
+    if not {*SCORES} & {*names}:
+        raise InputError(f"paper={','.join(names)} has no score; add accuracy or macro_f1")
+    return [name for name in columns if name in names]
 
 
-def papers(runs: Sequence[Result], asked: Sequence[str]) -> list[Paper]:
-    """A table for each corpus, subset and target, with the columns asked for: means over people of complete results."""
+def make_papers(runs: Sequence[Result], columns: Sequence[str]) -> list[Paper]:
+    """A table of some columns for each corpus, subset and target: means over people of complete results."""
     corpora: dict[tuple[str, str, str], dict[str, list[Result]]] = {}
-    for r in (r for r in runs if r.complete):
+    for r in (r for r in runs if r.is_complete):
         data, subset, protocol = r.context
-        corpora.setdefault((data, subset, str(r["corpus_digest"])), {}).setdefault(
-            protocol, []
-        ).append(r)
-    names = Counter(key[:2] for key in corpora)
-    return [
-        _paper(
-            (data + f" (corpus {digest[:8]})" * (names[data, subset] > 1), subset), protocols, asked
-        )
-        for (data, subset, digest), protocols in corpora.items()
-    ]
+        protocols = corpora.setdefault((data, subset, str(r["corpus_digest"])), {})
+        protocols.setdefault(protocol, []).append(r)
+    versions = Counter(key[:2] for key in corpora)
+    papers = []
+    for (data, subset, digest), protocols in corpora.items():
+        version = f" (corpus {digest[:8]})" * (versions[data, subset] > 1)
+        papers.append(_make_paper((data + version, subset), protocols, columns))
+    return papers
 
 
-def _paper(
-    data: tuple[str, str], protocols: Mapping[str, list[Result]], asked: Sequence[str]
+def _make_paper(
+    corpus: tuple[str, str], protocols: Mapping[str, list[Result]], columns: Sequence[str]
 ) -> Paper:
     """The table of results on the same captures, by protocol."""
-    people = {name: by_subject(results)[0] for name, results in protocols.items()}
-    mixed = {name for name, results in protocols.items() if any(r.mixed for r in results)}
+    people = {name: accuracy_by_subject(results)[0] for name, results in protocols.items()}
+    mixed = {name for name, results in protocols.items() if any(r.mixes_subjects for r in results)}
     ordered = sorted(protocols, key=lambda name: (name in mixed, -people[name].shape[1], name))
-    brief = {name: re.split(r"[,(]", name)[0].strip() for name in protocols}
-    brief = brief if len({*brief.values()}) == len(brief) else {name: name for name in protocols}
-    heads = {name: brief[name] + f" {MIXED_MARK}" * (name in mixed) for name in ordered}
-    costs = [
-        measure
-        for measure in run_columns()
-        if measure.key in [COSTS[name] for name in asked if name in COSTS]
-    ]
+    costs = [m for m in run_columns() if m.key in [COSTS.get(name) for name in columns]]
     rows: dict[str, dict[str, Any]] = {}
-    columns: list[tuple[Measure, tuple[str, str], str]] = [(text("system"), ("", "system"), "")]
-    for name, head in heads.items():
-        accuracy, sd, macro = f"{head}: accuracy %", f"{head}: SD %", f"{head}: macro_f1 %"
-        named: dict[str, list[Result]] = {}
-        for r in protocols[name]:
-            named.setdefault(r.system, []).append(r)
+    measures, headings, best = [text_measure("system")], [("", "system")], [""]
+    for name, title in _protocol_titles(ordered, mixed).items():
+        accuracy, sd, macro_f1 = (f"{title}: {each} %" for each in ("accuracy", "SD", "macro_f1"))
         for system, scores in people[name].iterrows():
-            seeds = named.get(str(system), [])
+            seeds = [r for r in protocols[name] if r.system == system]
             row = rows.setdefault(str(system), {"system": str(system)})
-            row |= {
-                accuracy: scores.mean(),
-                sd: scores.std(ddof=1),
-                macro: mean(r["macro_f1"] for r in seeds),
-            }
-            if name == ordered[0]:
-                row |= {cost.source: mean(r.get(cost.source, nan) for r in seeds) for cost in costs}
-        compared = [str(system) for system in people[name].index if not str(system).endswith(MARK)]
-        if "accuracy" in asked:
-            shown = Measure(accuracy, head, (accuracy, sd), join=" ± ")
-            columns.append((shown, (head, "accuracy"), compared[0] if len(compared) > 1 else ""))
-        if "macro_f1" in asked:
-            columns.append((percent(macro, f"{head}, macro-F1"), (head, "F1"), ""))
-    columns += [(cost, ("costs", HEADINGS[cost.key]), "") for cost in costs]
-    notes = sentences(
+            row |= {accuracy: scores.mean(), sd: scores.std(ddof=1)}
+            row[macro_f1] = mean(r["macro_f1"] for r in seeds)
+            for cost in costs if name == ordered[0] else ():
+                row[cost.source_name] = mean(r.get(cost.source_name, nan) for r in seeds)
+        if "accuracy" in columns:
+            compared = [str(s) for s in people[name].index if not str(s).endswith(BATCH_MARK)]
+            measures.append(Measure(accuracy, title, (accuracy, sd), join=" ± "))
+            headings.append((title, "accuracy"))
+            best.append(compared[0] if len(compared) > 1 else "")
+        if "macro_f1" in columns:
+            measures.append(percent_measure(macro_f1, f"{title}, macro-F1"))
+            headings.append((title, "F1"))
+            best.append("")
+    footnotes = [note.rstrip(".") for s in rows for note in footnotes_of_system(s, corpus[0])]
+    notes = render_sentences(
         *("bench.reports", "sentences", "paper_notes"),
-        synthetic="(synthetic)" in data[0],
+        synthetic="(synthetic)" in corpus[0],
         protocols=ordered,
-        asked=asked,
-        costs=heads[ordered[0]] if costs else "",
-        mixed=f"{MIXED_MARK} {MIXED}" if mixed else "",
-        notes=[
-            *dict.fromkeys(
-                note.rstrip(".") for system in rows for note in notes_on(system, data[0])
-            )
-        ],
+        columns=columns,
+        costs=headings[1][0] if costs else "",
+        mixed=f"{MIXED_MARK} {MIXED_NOTE}" if mixed else "",
+        notes=[*dict.fromkeys(footnotes)],
     )
-    measures, spans, best = map(list, zip(*columns, strict=True))
-    return Paper(data, Table(measures, [*rows.values()]), spans, best, notes)
+    headings += [("costs", HEADINGS[cost.key]) for cost in costs]
+    table = Table([*measures, *costs], [*rows.values()])
+    return Paper(corpus, table, headings, best + [""] * len(costs), notes)
 
 
-def sheet(made: Sequence[Paper]) -> pd.DataFrame:
+def _protocol_titles(names: Sequence[str], mixed: set[str]) -> dict[str, str]:
+    """The heading of each protocol: short if that tells them apart, marked if it mixes subjects."""
+    short = [re.split(r"[,(]", name)[0].strip() for name in names]
+    titles = short if len({*short}) == len(short) else names
+    return {
+        name: title + f" {MIXED_MARK}" * (name in mixed)
+        for name, title in zip(names, titles, strict=True)
+    }
+
+
+def papers_table(papers: Sequence[Paper]) -> pd.DataFrame:
     """The numbers of all tables, for a CSV file."""
     parts = []
-    for paper in made:
+    for paper in papers:
         mixed = [note for note in paper.notes if note.startswith(MIXED_MARK)]
         notes = [
-            " ".join([*mixed, *notes_on(row["system"], paper.data[0])]) for row in paper.table.rows
+            " ".join([*mixed, *footnotes_of_system(row["system"], paper.corpus[0])])
+            for row in paper.table.rows
         ]
-        table = paper.table.frame().rename(
-            columns=unit_headings(c for c in paper.table.columns if isinstance(c, Cost))
-        )
-        parts.append(table.assign(data=paper.data[0], subset=paper.data[1], note=notes))
-    every = pd.concat(parts, ignore_index=True) if parts else pd.DataFrame()
-    head = ["data", "subset", "system"]
-    return every.reindex(
-        columns=[*head, *every.columns.difference([*head, "note"], sort=False), "note"]
-    )
+        units = unit_headings(c for c in paper.table.columns if isinstance(c, Cost))
+        table = paper.table.to_frame().rename(columns=units)
+        parts.append(table.assign(data=paper.corpus[0], subset=paper.corpus[1], note=notes))
+    table = pd.concat(parts, ignore_index=True)
+    first = ["data", "subset", "system"]
+    others = table.columns.difference([*first, "note"], sort=False)
+    return table[[*first, *others, "note"]]

@@ -18,9 +18,9 @@ from jinja2 import Environment, pass_eval_context
 from jinja2.nodes import EvalContext
 from markupsafe import Markup
 
-from bench.reports.embedded import embedded
+from bench.reports.embedded import embed_svg
 from bench.reports.figures import SYNTHETIC, Picture
-from bench.values.sentences import environment
+from bench.values.sentences import template_environment
 
 ROOM = files("bench.reports")
 UNNAMED = re.compile(
@@ -29,14 +29,16 @@ UNNAMED = re.compile(
 ESCAPED = {ord(sign): f"\\{sign}" for sign in "\\`*_{}[]<>|#~"}  # in markdown
 
 
-def page(template: str | Path, title: str, script: str = "", **values: object) -> str:
+def render_page(template: str | Path, title: str, script: str = "", **values: object) -> str:
     """A template as one HTML page: styles, script and figures are in it, nothing is loaded from anywhere.
 
     A template of another package is a path. Only the ``script`` of this room runs: the page has its digest.
     """
     styles: dict[str, str] = {}
     body = Markup(
-        _filled(template, "html", values | {"title": title}, partial(inline_svg, styles=styles))
+        fill_template(
+            template, "html", values | {"title": title}, partial(inline_svg, styles=styles)
+        )
     )
     style, code = (
         Markup(ROOM.joinpath(f).read_text(encoding="utf-8")) if f else ""
@@ -44,25 +46,25 @@ def page(template: str | Path, title: str, script: str = "", **values: object) -
     )
     style += Markup("".join(f".{name}{{{rule}}}" for rule, name in styles.items()))
     digest = b64encode(hashlib.sha256(code.encode()).digest()).decode() if code else ""
-    return _filled(
+    return fill_template(
         "page.jinja",
         "html",
         {"title": title, "body": body, "style": style, "code": code, "digest": digest},
     )
 
 
-def fragment(template: str, **values: object) -> str:
+def render_fragment(template: str, **values: object) -> str:
     """A template as a part of a page, such as a drawing."""
-    return _filled(template, "html", values)
+    return fill_template(template, "html", values)
 
 
-def markdown(template: str, **values: object) -> str:
+def render_markdown(template: str, **values: object) -> str:
     """A template as markdown; figures are linked from the folder above theirs."""
-    text = _filled(template, "markdown", values)
+    text = fill_template(template, "markdown", values)
     return re.sub(r"\n\s*\n", "\n\n", text).strip() + "\n"
 
 
-def _filled(
+def fill_template(
     template: str | Path,
     form: str,
     values: dict[str, object],
@@ -70,37 +72,42 @@ def _filled(
 ) -> str:
     """A template filled in, in one of the two forms; ``drawing`` embeds a figure."""
     path = Path(template)
-    env = _environment(path.parent, form)
+    env = _load_environment(path.parent, form)
     count = itertools.count(1)
     env.filters["svg"] = drawing
     return env.get_template(path.name).render(values, form=form, next_number=lambda: next(count))
 
 
 @cache  # a page has dozens of charts, and a template takes longer to read than to fill in
-def _environment(folder: Path, form: str) -> Environment:
-    env = environment(ROOM / "templates", folder, html=form == "html")
-    env.filters |= {"anchor": slug, "md": md_escape, "code": _code, "sentence": _sentence}
+def _load_environment(folder: Path, form: str) -> Environment:
+    env = template_environment(ROOM / "templates", folder, html=form == "html")
+    env.filters |= {
+        "anchor": slugify,
+        "md": escape_markdown,
+        "code": _format_code,
+        "sentence": _join_lines,
+    }
     return env
 
 
 @pass_eval_context
-def _sentence(context: EvalContext, text: str) -> str:
+def _join_lines(context: EvalContext, text: str) -> str:
     """Words that a template breaks into lines, as one line."""
     line = " ".join(str(text).split())
     return Markup(line) if context.autoescape and isinstance(text, Markup) else line
 
 
-def slug(text: str, most: int = 48) -> str:
+def slugify(text: str, most: int = 48) -> str:
     """Words for the name of a file, or of a place on the page."""
     return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")[:most].strip("-")
 
 
-def md_escape(text: object) -> str:
+def escape_markdown(text: object) -> str:
     """Text that markdown takes as it is; a bar would end a cell, a line break the table."""
     return " ".join(str(text).split()).translate(ESCAPED)
 
 
-def _code(text: object) -> str:
+def _format_code(text: object) -> str:
     """A command in markdown, which may hold bars and backticks."""
     line = str(text).replace("|", r"\|")
     return f"`` {line} ``" if "`" in line else f"`{line}`"
@@ -118,4 +125,4 @@ def inline_svg(picture: Picture, styles: dict[str, str]) -> Markup:
         return Markup(UNNAMED.sub(r"\1</svg>", text).replace(' role="img" tabindex="-1"', ""))
     first, *more = picture.caption.removesuffix(".").split(". ")
     about = ". ".join([first, *(sentence for sentence in more if SYNTHETIC in sentence)])
-    return Markup(embedded(text, f"{about}.", styles))
+    return Markup(embed_svg(text, f"{about}.", styles))

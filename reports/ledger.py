@@ -1,4 +1,4 @@
-"""What a protocol adds: systems under every protocol that was run, and published numbers without what theirs adds."""
+"""The ledger: systems under every protocol that was run, and published numbers without the points of their protocol."""
 
 from __future__ import annotations
 
@@ -11,80 +11,80 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from bench.ground.words import typed
+from bench.ground.typed import format_command
 from bench.reading import statistics
-from bench.reading.frame import by_subject
-from bench.reports.comparison import ROWS, published
-from bench.reports.contexts import METHODS, Part, Section, scarce
-from bench.reports.curves import curves
-from bench.reports.figures import save
-from bench.values.measures import CODE, Measure, p_value, text
-from bench.values.result import COMPARABLE, Result, notes_on
-from bench.values.sentences import sentences
-from bench.values.table import Table, rows_of
+from bench.reading.frame import accuracy_by_subject
+from bench.reports.comparison import ROWS, load_published
+from bench.reports.curves import draw_curves
+from bench.reports.figures import save_figure
+from bench.reports.notes import few_subjects_notes
+from bench.reports.sections import SYSTEMS, Exhibit
+from bench.values.measures import CODE, Measure, format_p_value, text_measure
+from bench.values.result import COMPARISON_TAGS, Result, footnotes_of_system
+from bench.values.sentences import render_sentences
+from bench.values.table import Table, rows_of_frame
 
-BASE = "loso"  # what points are over
-USUAL = ("windows", "kfold", "within", BASE)  # protocols of a whole ledger
+BASE = "loso"  # protocol that points are over
+USUAL = ("windows", "kfold", "within", BASE)  # protocols of a complete ledger
 COLUMNS = (
-    text("protocol"),
+    text_measure("protocol"),
     Measure("accuracy", "accuracy % [95 %]", ends="accuracy"),
     Measure("points", "points over LOSO [95 %]", form="+.1f", ends="points"),
-    Measure("p", "p Wilcoxon", form=p_value, spare=1),
-    text("place"),
+    Measure("p", "p Wilcoxon", form=format_p_value, spare=1),
+    text_measure("place"),
     Measure("subjects", form=".0f"),
 )
-PRINTED = (
-    text("number"),
+PUBLISHED_COLUMNS = (
+    text_measure("number"),
     Measure("printed", "printed %", form="g"),
-    text("says", "protocol in the paper"),
-    text("nearest", "nearest of ours"),
+    text_measure("says", "protocol in the paper"),
+    text_measure("nearest", "nearest of ours"),
     Measure("points", "points of the protocol [95 %]", form="+.1f", ends="points"),
     Measure("less", "printed less points"),
 )
 NAMES = "data subset system protocol key mixes_subjects accuracy accuracy_low accuracy_high points".split()
-NAMES += "points_low points_high p place subjects".split()  # columns of `ledger`
-Under = dict[
-    str, tuple[Result, pd.DataFrame]
-]  # by protocol: a run, and accuracy in percent [systems, subjects]
+NAMES += "points_low points_high p place subjects".split()  # columns of `make_ledger`
+HEADING = "What a protocol adds"
+SUMMARY = "the same systems under several protocols"
+# By protocol: a run, and accuracy in percent [systems, subjects].
+Accuracies = dict[str, tuple[Result, pd.DataFrame]]
 
 
-def sets_of(results: Sequence[Result]) -> list[list[Result]]:
+def runs_by_captures(results: Sequence[Result]) -> list[list[Result]]:
     """Complete runs on the same captures under two protocols or more, a list for each set of captures."""
-    key = lambda r: tuple(str(r.get(name, "")) for name in ("synthetic", *COMPARABLE[:-1]))  # noqa: E731
-    usable = sorted((r for r in results if r.complete and r.alone), key=key)
-    sets = [[*members] for _, members in groupby(usable, key)]
-    return [members for members in sets if len({r["protocol_label"] for r in members}) > 1]
+
+    def captures(result: Result) -> tuple[str, ...]:
+        return tuple(str(result.get(name, "")) for name in ("synthetic", *COMPARISON_TAGS[:-1]))
+
+    usable = sorted((r for r in results if r.is_complete and r.predicts_alone), key=captures)
+    sets = [[*runs] for _, runs in groupby(usable, captures)]
+    return [runs for runs in sets if len({r["protocol_label"] for r in runs}) > 1]
 
 
-def under(members: Sequence[Result]) -> Under:
-    """The first run under each protocol and accuracies of people, the highest mean accuracy first."""
+def accuracies_by_protocol(results: Sequence[Result]) -> Accuracies:
+    """The first run under each protocol and accuracies of subjects, the highest mean accuracy first."""
     runs: dict[str, list[Result]] = {}
-    for r in members:
+    for r in results:
         runs.setdefault(str(r["protocol_label"]), []).append(r)
-    found = [(label, each[0], by_subject(each)[0]) for label, each in runs.items()]
-    full = sorted(
-        (one for one in found if one[2].size), key=lambda one: -one[2].to_numpy(float).mean()
-    )
-    return {
-        label: (first, table) for label, first, table in full
-    }  # a table may be gone from the store
+    tables = {label: (each[0], accuracy_by_subject(each)[0]) for label, each in runs.items()}
+    stored = [item for item in tables.items() if item[1][1].size]  # the store may lack a table
+    return dict(sorted(stored, key=lambda item: -item[1][1].to_numpy(float).mean()))
 
 
-def gains(table: pd.DataFrame, base: pd.DataFrame) -> pd.DataFrame:
-    """Points over the base, of the systems and people of both [systems, subjects]."""
-    systems, people = table.index.intersection(base.index), table.columns.intersection(base.columns)
+def gains_over_base(table: pd.DataFrame, base: pd.DataFrame) -> pd.DataFrame:
+    """Points over the base, of the systems and subjects of both [systems, subjects]."""
+    systems = table.index.intersection(base.index)
+    people = table.columns.intersection(base.columns)
     return (table.loc[systems, people] - base.loc[systems, people]).round(9)
 
 
-def base_of(tables: Under) -> pd.DataFrame:
-    """Accuracies under LOSO; an empty table if it was not run."""
-    return next(
-        (table for first, table in tables.values() if first["protocol_name"] == BASE),
-        pd.DataFrame(),
-    )
+def base_accuracies(accuracies: Accuracies) -> pd.DataFrame:
+    """Accuracies under LOSO [systems, subjects]; empty if it was not run."""
+    of_base = [table for run, table in accuracies.values() if run["protocol_name"] == BASE]
+    return of_base[0] if of_base else pd.DataFrame()
 
 
-def ledger(results: Sequence[Result]) -> pd.DataFrame:
+def make_ledger(results: Sequence[Result]) -> pd.DataFrame:
     """Each system under each protocol that was run, on captures with runs under two protocols or more.
 
     Returns:
@@ -93,241 +93,211 @@ def ledger(results: Sequence[Result]) -> pd.DataFrame:
         subjects of both, with ``points_low``, ``points_high`` and ``p`` (two-sided Wilcoxon test); ``place`` of the
         system under this protocol; ``subjects``; ``mixes_subjects``. NaN where LOSO was not run.
     """
-    parts = [_rows(members, under(members)) for members in sets_of(results)]
+    parts = [_ledger_rows(accuracies_by_protocol(runs)) for runs in runs_by_captures(results)]
     return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=NAMES)
 
 
-def _rows(members: Sequence[Result], tables: Under) -> pd.DataFrame:
-    """The rows of one set."""
+def _ledger_rows(accuracies: Accuracies) -> pd.DataFrame:
+    """The rows of one set of captures."""
     rows = []
-    base, (data, subset, _) = base_of(tables), members[0].context
-    for label, (first, table) in tables.items():
-        about = {"data": data, "subset": subset, "protocol": label, "key": first["protocol"]}
-        about |= {"mixes_subjects": first.mixed}
-        points = gains(table, base)
+    base = base_accuracies(accuracies)
+    for label, (run, table) in accuracies.items():
+        data, subset, _ = run.context
+        points = gains_over_base(table, base)
         for place, (system, people) in enumerate(table.iterrows(), 1):
-            low, high = np.clip(statistics.interval(people.to_numpy(float)), 0, 100)
-            row = about | {
+            low, high = np.clip(statistics.mean_interval(people.to_numpy(float)), 0, 100)
+            row = {
+                "data": data,
+                "subset": subset,
+                "protocol": label,
+                "key": run["protocol"],
+                "mixes_subjects": run.mixes_subjects,
                 "system": system,
                 "accuracy": people.mean(),
                 "accuracy_low": low,
                 "accuracy_high": high,
+                "place": f"{place} of {len(table)}",
+                "subjects": len(people),
             }
-            row |= {"place": f"{place} of {len(table)}", "subjects": len(people)}
             if system in points.index and len(points.columns) and table is not base:
-                tested = statistics.paired(points.loc[system], 0 * points.loc[system])
-                names = {
-                    "points": "difference",
-                    "points_low": "low",
-                    "points_high": "high",
-                    "p": "p",
-                }
-                row |= {name: tested[key] for name, key in names.items()}
+                test = statistics.paired_test(points.loc[system], 0 * points.loc[system])
+                row |= {"points": test["difference"], "p": test["p"]}
+                row |= {"points_low": test["low"], "points_high": test["high"]}
             rows.append(row)
     return pd.DataFrame(rows).reindex(columns=NAMES)
 
 
-def printed_on(data: str) -> pd.DataFrame:
+def published_on(data: str) -> pd.DataFrame:
     """Published numbers on a corpus, with the nearest of our protocols in ``key``; empty for an unknown one."""
-    papers = published()
+    papers = load_published()
     papers = papers[(papers["data"] == data) & papers["accuracy"].notna()]
-    return papers.assign(
-        key=papers["protocol_key"].where(papers["protocol_key"] != "other", papers["nearest_key"])
-    )
+    known = papers["protocol_key"] != "other"
+    return papers.assign(key=papers["protocol_key"].where(known, papers["nearest_key"]))
 
 
-def explained(members: Sequence[Result], tables: Under) -> pd.DataFrame:
-    """Published numbers on the captures of a set, a row each, with the points over LOSO of the nearest protocol.
+def explain_published(data: str, accuracies: Accuracies) -> pd.DataFrame:
+    """Published numbers on a corpus, a row each, with the points over LOSO of the nearest protocol.
 
-    These are the mean of all systems of the set that were run under both, with a 95 % t-interval over people: 0 for
-    LOSO, NaN where the protocol of a number is unknown or was not run. No rows without runs under LOSO.
+    These are the mean of all systems that were run under both, with a 95 % t-interval over subjects: 0 for LOSO, NaN
+    where the protocol of a number is unknown or was not run. No rows without runs under LOSO.
     """
-    base, found = base_of(tables), {BASE: (0.0, np.nan, np.nan)}
+    base, points_of = base_accuracies(accuracies), {BASE: (0.0, np.nan, np.nan)}
     if base.empty:
         return pd.DataFrame()
-    for first, table in tables.values():
-        if first["protocol_name"] != BASE and (points := gains(table, base)).size:
-            people = points.mean(axis=0).to_numpy(float)
-            found.setdefault(
-                first["protocol_name"], (float(people.mean()), *statistics.interval(people))
-            )
+    for run, table in accuracies.values():
+        gains = gains_over_base(table, base)
+        if run["protocol_name"] != BASE and gains.size:
+            people = gains.mean(axis=0).to_numpy(float)
+            points = float(people.mean()), *statistics.mean_interval(people)
+            points_of.setdefault(run["protocol_name"], points)
     rows = []
-    for paper in printed_on(members[0]["data"]).itertuples():
-        key, stated = paper.key, paper.protocol_key != "other"
-        points, low, high = found.get(key, (np.nan,) * 3)
-        nearest = (
-            f"{key}{'' if stated else ' (inferred)'}{'' if key in found else ', not run'}"
-            if key
-            else "unknown"
+    for paper in published_on(data).itertuples():
+        points, low, high = points_of.get(paper.key, (np.nan,) * 3)
+        nearest = paper.key or "unknown"
+        if paper.key and paper.protocol_key == "other":
+            nearest += " (inferred)"
+        if paper.key and paper.key not in points_of:
+            nearest += ", not run"
+        rows.append(
+            {
+                "id": paper.id,
+                "number": f"{paper.reference}: {paper.classifier}",
+                "printed": paper.accuracy,
+                "says": paper.protocol,
+                "nearest": nearest,
+                "points": points,
+                "less": paper.accuracy - points,
+                "points_low": low,
+                "points_high": high,
+            }
         )
-        row = {
-            "id": paper.id,
-            "number": f"{paper.reference}: {paper.classifier}",
-            "printed": paper.accuracy,
-        }
-        row |= {
-            "says": paper.protocol,
-            "nearest": nearest,
-            "points": points,
-            "less": paper.accuracy - points,
-        }
-        rows.append(row | {"points_low": low, "points_high": high})
     return pd.DataFrame(rows)
 
 
-def share(printed: pd.Series, left: pd.Series) -> float:
-    """Share of the variance of some numbers that is not in what is left of them; NaN for fewer than three."""
-    return 1 - float(left.var() / printed.var()) if len(printed) > 2 else np.nan
+def explained_share(printed: pd.Series, rest: pd.Series) -> float:
+    """Share of the variance of some numbers that their rest lacks; NaN for fewer than three."""
+    return 1 - float(rest.var() / printed.var()) if len(printed) > 2 else np.nan
 
 
-def told(numbers: pd.DataFrame, beside: pd.DataFrame, data: str) -> list[str]:
-    """Sentences on how much of the spread of published numbers is explained: by protocols, and by runs of ours."""
+def spread_sentences(numbers: pd.DataFrame, beside: pd.DataFrame, data: str) -> list[str]:
+    """Sentences on the share of the spread of published numbers that protocols, and runs of ours, explain."""
     known = numbers[numbers["points"].notna()]
     both = beside[(beside["data"] == data) & beside["ours"].notna()].drop_duplicates("id")
-    off = both["published"] - both["ours"]
+    errors = both["published"] - both["ours"]
     total = float(((both["published"] - both["published"].mean()) ** 2).sum())
-    return sentences(
+    return render_sentences(
         *("bench.reports", "sentences", "explained"),
         known=known["printed"],
-        share=share(known["printed"], known["less"]),
+        share=explained_share(known["printed"], known["less"]),
         unknown=int((numbers["nearest"] == "unknown").sum()),
         not_run=int(numbers["nearest"].str.endswith("not run").sum()),
         ours=len(both) if len(both) > 2 else 0,
-        own=1 - float((off**2).sum()) / total if total else np.nan,
-        off=float(off.abs().mean()),
+        own=1 - float((errors**2).sum()) / total if total else np.nan,
+        off=float(errors.abs().mean()),
     )
 
 
-def missing(members: Sequence[Result]) -> list[str]:
-    """Commands that run what some system of a set lacks: one, if all systems share command and other arguments.
+def missing_commands(results: Sequence[Result]) -> list[str]:
+    """Commands for the protocols that some system of a set lacks: one, if all share command and other arguments.
 
-    Wanted are the protocols of a whole ledger, of other systems of the set, and of published numbers on its captures.
+    The set needs the protocols of a complete ledger, of its other systems, and of published numbers on its captures.
     """
-    alike: dict[tuple[str, str], list[Result]] = {}
-    for r in members:
-        if arguments := r.get("touchbench.arguments"):
-            other = {
-                k: v
-                for k, v in json.loads(arguments).items()
-                if k != "model" and not k.startswith("protocol")
-            }
-            alike.setdefault((str(r["touchbench.command"]), json.dumps(other)), []).append(r)
-    wanted = [
-        *USUAL,
-        *(str(r["protocol_name"]) for r in members),
-        *printed_on(members[0]["data"])["key"],
-    ]
-    names, commands = dict.fromkeys(filter(None, wanted)), []
-    for (command, other), runs in alike.items():
-        models = dict.fromkeys(str(r["model_name"]) for r in runs)
-        done = {
-            name: {r["model_name"] for r in runs if r["protocol_name"] == name} for name in names
+    by_arguments: dict[tuple[str, str], list[Result]] = {}
+    for r in results:
+        arguments = json.loads(r.get("touchbench.arguments") or "{}")
+        others = {
+            key: value
+            for key, value in arguments.items()
+            if key != "model" and not key.startswith("protocol")
         }
-        if lacking := [name for name, had in done.items() if had != {*models}]:
-            words = json.loads(other)
-            words = {
-                "data": words.pop("data"),
-                "protocol": ",".join(lacking),
-                "model": ",".join(models),
-            } | words
-            commands.append(typed(command, words))
+        if arguments:
+            command = str(r["touchbench.command"]), json.dumps(others)
+            by_arguments.setdefault(command, []).append(r)
+    used = [str(r["protocol_name"]) for r in results]
+    needed = dict.fromkeys(filter(None, [*USUAL, *used, *published_on(results[0]["data"])["key"]]))
+    commands = []
+    for (command, others), runs in by_arguments.items():
+        models = dict.fromkeys(str(r["model_name"]) for r in runs)
+        done = {(r["protocol_name"], r["model_name"]) for r in runs}
+        protocols = [name for name in needed if any((name, model) not in done for model in models)]
+        if protocols:
+            words = json.loads(others)
+            first = {"data": words.pop("data"), "protocol": ",".join(protocols)}
+            commands.append(format_command(command, first | {"model": ",".join(models)} | words))
     return commands
 
 
-def slopes(rows: pd.DataFrame, title: str) -> Figure:
+def draw_slopes(rows: pd.DataFrame, title: str) -> Figure:
     """Accuracy under each protocol, a line per system, with intervals; lines cross where the order changes."""
-    names = [*dict.fromkeys(rows["protocol"])]
-    systems = [
-        *dict.fromkeys(rows.sort_values("accuracy", ascending=False, kind="stable")["system"])
-    ][:METHODS]
+    protocols = rows.drop_duplicates("protocol")
+    ordered = rows.sort_values("accuracy", ascending=False, kind="stable")
+    systems = ordered["system"].unique()[:SYSTEMS]
     lines = []
     for i, system in enumerate(systems):
-        own = (
-            rows[rows["system"] == system].set_index("protocol").reindex(names)
-        )  # NaN interrupts the line
-        place = np.arange(len(names)) + 0.05 * (i - (len(systems) - 1) / 2)
-        ends = (own[name] / 100 for name in ("accuracy", "accuracy_low", "accuracy_high"))
-        lines.append(
-            (
-                i,
-                system,
-                pd.DataFrame(
-                    dict(zip(("level", "accuracy", "low", "high"), (place, *ends), strict=True))
-                ),
-            )
-        )
-    figure = curves("", lines, title=title, inches=1.5 * len(names))
-    keys = dict(zip(rows["protocol"], rows["key"], strict=True))
-    mixed = dict(zip(rows["protocol"], rows["mixes_subjects"], strict=True))
-    marks = [
-        "optimistic" if "optimistic" in n else "subjects mixed" if mixed[n] else "new subjects"
-        for n in names
-    ]
-    figure.axes[0].set_xticks(
-        range(len(names)), [f"{keys[n]}\n{mark}" for n, mark in zip(names, marks, strict=True)]
-    )
+        of_system = rows[rows["system"] == system].set_index("protocol")
+        curve = of_system.reindex(protocols["protocol"])  # NaN interrupts the line
+        ends = curve[["accuracy", "accuracy_low", "accuracy_high"]] / 100
+        ends = ends.set_axis(["accuracy", "low", "high"], axis=1)
+        level = np.arange(len(protocols)) + 0.05 * (i - (len(systems) - 1) / 2)
+        lines.append((i, system, ends.assign(level=level)))
+    figure = draw_curves("", lines, title=title, inches=1.5 * len(protocols))
+    ticks = []
+    for row in protocols.itertuples():
+        people = "subjects mixed" if row.mixes_subjects else "new subjects"
+        ticks.append(f"{row.key}\n{'optimistic' if 'optimistic' in row.protocol else people}")
+    figure.axes[0].set_xticks(range(len(ticks)), ticks)
     return figure
 
 
-def section(
-    results: Sequence[Result], beside: pd.DataFrame, folder: Path
-) -> tuple[list[Section], pd.DataFrame]:
-    """The section of the page, if some captures have runs under two protocols or more, and all rows of `ledger`.
+def ledger_exhibits(results: Sequence[Result], beside: pd.DataFrame, folder: Path) -> list[Exhibit]:
+    """The section of the page; empty without captures that have runs under two protocols or more.
 
     Args:
         results: runs on captures.
-        beside: published numbers beside ours (`bench.reports.papers.against`).
+        beside: published numbers beside ours (`bench.reports.papers.compare_with_published`).
         folder: folder for figures.
     """
-    parts, every = [], [pd.DataFrame(columns=NAMES)]
-    for i, members in enumerate(sets_of(results), 1):
-        tables, (data, subset, _) = under(members), members[0].context
-        every.append(rows := _rows(members, tables))
+    exhibits = []
+    for i, runs in enumerate(runs_by_captures(results), 1):
+        accuracies, (data, subset, _) = accuracies_by_protocol(runs), runs[0].context
         words = data + f", {subset}" * (subset != "all")
-        everywhere = rows[
-            rows.groupby("system")["key"].transform("size") == rows["protocol"].nunique()
-        ]
-        first = everywhere.loc[everywhere.groupby("protocol", sort=False)["accuracy"].idxmax()]
-        told_of = {
-            "systems": everywhere["system"].nunique(),
-            "windows": rows["key"].str.startswith("windows").any(),
-        }
-        best = dict(zip(first["key"], first["system"], strict=True))
-        lines = sentences(*("bench.reports", "sentences", "ledger"), best=best, **told_of)
-        known = bool(rows["accuracy_low"].notna().any())
-        caption = f"{words}: accuracy under each protocol, mean over subjects{' with 95 % t-intervals' * known}."
-        picture = save(slopes(rows, words), folder, f"0-protocols-{i}", words, caption)
-        first = [*dict.fromkeys(rows["system"])][
-            : max(1, ROWS // len(tables))
-        ]  # most accurate under one protocol
-        rows = rows[rows["system"].isin(first)].sort_values("system", kind="stable")
-        remarks = [notes_on(system, data) for system in rows["system"]]
-        shown = Table(COLUMNS, rows_of(rows), remarks=remarks, groups=[*rows["system"]])
-        caption = f"{words}: systems under each protocol; points are paired over the subjects of both protocols."
-        caption += " protocols.csv has all systems." * (len(rows) < len(every[-1]))
-        parts.append(Part(picture, shown, caption, [*lines, *scarce(members)]))
-        if commands := missing(members):
-            rows_left = [{"command": command} for command in commands]
-            parts.append(
-                Part(
-                    None,
-                    Table([Measure("command", form=CODE)], rows_left),
-                    f"{words}: not run yet.",
-                )
+        rows = _ledger_rows(accuracies)
+        exhibits.append(_protocols_exhibit(rows, words, folder, i, few_subjects_notes(runs)))
+        if commands := missing_commands(runs):
+            table = Table(
+                [Measure("command", form=CODE)], [{"command": command} for command in commands]
             )
-        if len(numbers := explained(members, tables)) and members[0]["synthetic"] != "true":
-            caption = f"{words}: published numbers and the points over LOSO that their protocol alone adds to our systems."
-            parts.append(
-                Part(
-                    None,
-                    Table(PRINTED, rows_of(numbers)),
-                    caption,
-                    told(numbers, beside, members[0]["data"]),
-                )
-            )
-    sections = (
-        [Section("What a protocol adds", parts, "the same systems under several protocols")]
-        if parts
-        else []
+            exhibits.append(Exhibit(HEADING, table=table, caption=f"{words}: not run yet."))
+        numbers = explain_published(runs[0]["data"], accuracies)
+        if len(numbers) and runs[0]["synthetic"] != "true":
+            caption = "published numbers and the points over LOSO that their protocol alone adds to our systems."
+            table = Table(PUBLISHED_COLUMNS, rows_of_frame(numbers))
+            sentences = spread_sentences(numbers, beside, runs[0]["data"])
+            exhibits.append(Exhibit(HEADING, None, table, f"{words}: {caption}", sentences))
+    return exhibits
+
+
+def _protocols_exhibit(
+    rows: pd.DataFrame, words: str, folder: Path, number: int, notes: list[str]
+) -> Exhibit:
+    """Figure, table and sentences on the ledger's rows of one set of captures."""
+    count = rows["protocol"].nunique()
+    under_all = rows[rows.groupby("system")["key"].transform("size") == count]
+    best = under_all.loc[under_all.groupby("protocol", sort=False)["accuracy"].idxmax()]
+    sentences = render_sentences(
+        *("bench.reports", "sentences", "ledger"),
+        best=dict(zip(best["key"], best["system"], strict=True)),
+        systems=under_all["system"].nunique(),
+        windows=rows["key"].str.startswith("windows").any(),
     )
-    return sections, pd.concat(every[bool(parts) :], ignore_index=True)
+    caption = f"{words}: accuracy under each protocol, mean over subjects"
+    caption += " with 95 % t-intervals" * bool(rows["accuracy_low"].notna().any())
+    figure = draw_slopes(rows, words)
+    picture = save_figure(figure, folder, f"0-protocols-{number}", words, f"{caption}.")
+    most_accurate = rows["system"].unique()[: max(1, ROWS // count)]  # under one protocol
+    shown = rows[rows["system"].isin(most_accurate)].sort_values("system", kind="stable")
+    footnotes = [footnotes_of_system(row.system, row.data) for row in shown.itertuples()]
+    table = Table(COLUMNS, rows_of_frame(shown), remarks=footnotes, groups=[*shown["system"]])
+    caption = f"{words}: systems under each protocol; points are paired over the subjects of both protocols."
+    caption += " protocols.csv has all systems." * (len(shown) < len(rows))
+    return Exhibit(HEADING, picture, table, caption, [*sentences, *notes], SUMMARY)

@@ -1,7 +1,7 @@
 """Numbers of a group of runs for the script of the page, which sorts, filters, compares and downloads them.
 
-All is text as tables show it, but for the accuracies of subjects and the correctly classified captures, from which the
-script computes the paired test of two systems. It stands in columns and is compressed, as browsers can unpack it.
+All is text as tables show it, except accuracies of subjects, correctly classified captures and tests of pairs. The
+numbers are stored by columns and compressed; browsers can unpack them.
 """
 
 from __future__ import annotations
@@ -16,98 +16,135 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bench.reports.comparison import views
-from bench.reports.summary import Summary, family
+from bench.reports.comparison import score_variants
+from bench.reports.sections import runs_of_systems
+from bench.reports.summary import Summary, cost_column, model_family
 from bench.values import scores
 from bench.values.columns import run_columns
-from bench.values.measures import Measure, costs, known, percent, three
-from bench.values.result import Result, seed_number
+from bench.values.measures import (
+    Measure,
+    all_costs,
+    format_three_digits,
+    percent_measure,
+    value_or_none,
+)
+from bench.values.result import Result
+from bench.values.table import Table
 
-ELSEWHERE = {
-    "accuracy",
-    "difference",
-    "p_holm",
-}  # columns of runs that the table of systems has otherwise
+# Columns of runs that the table of systems computes in another way.
+REPLACED = {"accuracy", "difference", "p_holm"}
 LABELS = 500_000  # captures of all systems that the page has room for
-DIGITS = 5  # of percent; the script takes differences as equal that are nearer than 1e-4
+DIGITS = 5  # of percent; the script ignores differences below 1e-4
 
 
-def packed(summary: Summary, models: Mapping[str, str]) -> str:
+def page_data(summary: Summary, models: Mapping[str, str]) -> str:
     """The table of a group with all measures, seeds, subjects and captures; empty without a table."""
-    table, among = summary.table, summary.among
-    if table is None or among is None:
+    if summary.table is None or summary.choice is None:
         return ""
-    runs: dict[str, list[Result]] = {}
-    for r in sorted(summary.results, key=lambda r: seed_number(r["seed"])):
-        if r.complete and r.alone:
-            runs.setdefault(r.system, []).append(r)
-    others = [summary.column(name) for name in summary.costs if name not in summary.leading]
-    others += [m for m in run_columns("page") if m.key not in {*ELSEWHERE, *summary.costs}]
-    by_name: dict[str, Measure] = {}
-    for measure in (replace(table.columns[0], read="name"), *table.columns[1:], *others):
-        by_name.setdefault(measure.name, measure)
-    kept = [*by_name.values()]
-    seeds = {system: [next(views(r)) for r in each] for system, each in runs.items()}
-    rows = []
+    table, subjects = summary.table, summary.choice.candidates.subjects
+    runs = runs_of_systems(summary.results)
+    seed_rows = {system: [next(score_variants(r)) for r in each] for system, each in runs.items()}
+    rows, seeds = [], []
     for row in table.rows:
-        about = _mean(seeds[row["system"]]) if row["plain"] and row["system"] in runs else {}
-        rows.append({**about, "subject_sd": among.subjects.loc[row["id"]].std() / 100, **row})
-    texts = replace(table, columns=kept, rows=rows).texts
-    below, labelled = [_of_seed(m) for m in kept if m.name in texts[0]], _labels(summary, runs)
-    shown = {m.name for m in table.columns}
-    cheap = {summary.column(name).name for name in summary.costs if costs()[name].better == "low"}
-    each = [seeds.get(row["system"], []) if row["plain"] else [] for row in rows]
-    folded = [
-        [measure.of(one) for measure in below] for part in each if len(part) > 1 for one in part
+        of_system = seed_rows.get(row["system"], []) if row["tested"] else []
+        spread = {"subject_sd": subjects.loc[row["id"]].std() / 100}
+        rows.append({**_mean_over_seeds(of_system), **spread, **row})
+        seeds.append(of_system if len(of_system) > 1 else [])
+    columns = _all_columns(summary, table)
+    texts = replace(table, columns=columns, rows=rows).texts
+    columns = [measure for measure in columns if measure.name in texts[0]]
+    seed_columns = [_seed_measure(measure) for measure in columns]
+    seed_texts = [
+        [measure.as_text(row) for measure in seed_columns]
+        for of_system in seeds
+        for row in of_system
     ]
-    heads = [
-        {"name": m.name, "key": m.key, "shown": m.name in shown} for m in kept if m.name in texts[0]
-    ]
-    heads = [head | {"up": m.left or m.name in cheap} for head, m in zip(heads, below, strict=True)]
-    data = {"key": summary.key, "people": [*map(str, among.subjects)], "columns": heads}
-    data |= {name: labelled[name] for name in ("gestures", "captures", "true")}
-    data |= {
+    labels = _capture_labels(summary, runs)
+    accuracies = subjects.loc[[row["id"] for row in rows]].round(DIGITS)
+    data = {
+        "key": summary.key,
+        "people": [*map(str, subjects)],
+        "columns": _describe_columns(summary, columns, {m.name for m in table.columns}),
+        "gestures": labels["gestures"],
+        "captures": labels["captures"],
+        "true": labels["true"],
         "name": [row["name"] for row in rows],
-        "family": [family(models[row["system"]]) for row in rows],
+        "family": [model_family(models[row["system"]]) for row in rows],
+        "chosen": [*table.bold],
+        "marks": [line["marks"] for line in table.template_rows],
+        "cells": _columns_of_rows(row.values() for row in texts),
+        "seeds": _columns_of_rows(seed_texts),
+        "counts": [*map(len, seeds)],
+        "scores": [_without_nan(accuracies[person]) for person in accuracies],
+        "hits": [labels["hits"].get(row["system"], "") if row["tested"] else "" for row in rows],
+        "pairs": _pairs(summary, rows),
     }
-    data |= {"chosen": [*table.bold], "marks": [line["marks"] for line in table.lines]}
-    data |= {"cells": _turned(row.values() for row in texts), "seeds": _turned(folded)}
-    data |= {"counts": [len(part) if len(part) > 1 else 0 for part in each]}
-    scores = among.subjects.loc[[row["id"] for row in rows]].round(DIGITS)
-    data |= {"scores": [[None if v != v else v for v in scores[person]] for person in scores]}
-    data |= {
-        "hits": [labelled["hits"].get(row["system"], "") if row["plain"] else "" for row in rows]
-    }
-    return b64encode(
-        gzip.compress(json.dumps(data, separators=(",", ":")).encode(), mtime=0)
-    ).decode()
+    text = json.dumps(data, separators=(",", ":"))
+    return b64encode(gzip.compress(text.encode(), mtime=0)).decode()
 
 
-def _turned(rows: Iterable[Iterable[str]]) -> list[tuple[str, ...]]:
-    """Columns of some rows: numbers of one kind together take less room when compressed."""
+def _all_columns(summary: Summary, table: Table) -> list[Measure]:
+    """The columns of the table, then all other costs and measures of runs."""
+    costs = [cost_column(name) for name in summary.costs if name not in summary.leading_costs]
+    others = [m for m in run_columns("page") if m.key not in {*REPLACED, *summary.costs}]
+    system = replace(table.columns[0], source="name")
+    by_name: dict[str, Measure] = {}
+    for measure in (system, *table.columns[1:], *costs, *others):
+        by_name.setdefault(measure.name, measure)
+    return [*by_name.values()]
+
+
+def _describe_columns(
+    summary: Summary, columns: Sequence[Measure], shown: set[str]
+) -> list[dict[str, Any]]:
+    """Name and key of each column, whether it is shown at first, and whether a click sorts it upwards."""
+    cheap = {cost_column(name).name for name in summary.costs if all_costs()[name].better == "low"}
+    return [
+        {"name": m.name, "key": m.key, "shown": m.name in shown, "up": m.is_text or m.name in cheap}
+        for m in columns
+    ]
+
+
+def _pairs(summary: Summary, rows: Sequence[Mapping[str, Any]]) -> list[list[float | None]]:
+    """Tests of the most accurate systems: numbers of two rows, ends of the interval of their difference, p."""
+    place = {row["system"]: i for i, row in enumerate(rows) if row["tested"]}
+    pairs = []
+    for row in summary.pairs.itertuples():
+        if row.system in place and row.other in place:
+            numbers = _without_nan([row.low, row.high, row.p])
+            pairs.append([place[row.system], place[row.other], *numbers])
+    return pairs
+
+
+def _without_nan(values: Iterable[float]) -> list[float | None]:
+    """Numbers with None for NaN, which JSON does not have."""
+    return [value_or_none(value) for value in values]
+
+
+def _columns_of_rows(rows: Iterable[Iterable[str]]) -> list[tuple[str, ...]]:
+    """Columns of some rows: numbers of one kind together compress better."""
     return [*zip(*rows, strict=True)]
 
 
-def _of_seed(measure: Measure) -> Measure:
-    """The column in the row of one seed; places, differences and tests are of means over seeds."""
+def _seed_measure(measure: Measure) -> Measure:
+    """The column in the row of one seed; ranks, differences and tests are of means over seeds."""
     if measure.key == "system":
-        return replace(measure, read=lambda row: f"seed {row['seed']}")
+        return replace(measure, source=lambda row: f"seed {row['seed']}")
     if measure.key == "accuracy":
-        return percent(measure.key, measure.heading, ends=measure.ends)
+        return percent_measure(measure.key, measure.heading, ends=measure.ends)
     if measure.key in ("rank", "difference", "test"):
-        return replace(measure, read=lambda row: None)
-    return (
-        replace(costs()[measure.key], heading=measure.name, form=three)
-        if measure.key in costs()
-        else measure
-    )
+        return replace(measure, source=lambda row: None)
+    if measure.key in all_costs():
+        cost = all_costs()[measure.key]
+        return replace(cost, heading=measure.name, form=format_three_digits)
+    return measure
 
 
-def _mean(seeds: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def _mean_over_seeds(seeds: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Means of the numbers of some seeds, and texts that they share."""
     means = {}
-    for name in dict.fromkeys(name for one in seeds for name in one):
-        values = [value for one in seeds if (value := known(one.get(name))) is not None]
+    for name in dict.fromkeys(name for row in seeds for name in row):
+        values = [value for row in seeds if (value := value_or_none(row.get(name))) is not None]
         if values and not any(isinstance(value, str) for value in values):
             means[name] = sum(values) / len(values)
         elif len({*values}) == 1:
@@ -115,39 +152,36 @@ def _mean(seeds: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     return means
 
 
-def _labels(summary: Summary, runs: Mapping[str, Sequence[Result]]) -> dict[str, Any]:
+def _capture_labels(summary: Summary, runs: Mapping[str, Sequence[Result]]) -> dict[str, Any]:
     """True gestures of the captures, and which of them the lowest seed of each system labels correctly."""
-    found: dict[str, Any] = {"gestures": [], "captures": [], "true": []}
+    classes: list[str] = []
+    captures = true = np.array([])
     hits: dict[str, str] = {}
     for system in [s for s in summary.subjects.index if s in runs]:
-        if len(found["captures"]) * (len(hits) + 1) > LABELS:
+        if len(captures) * (len(hits) + 1) > LABELS:
             break
-        tables, classes = runs[system][0].tables, found["gestures"]
-        columns = tables.columns(
-            "predictions", ["capture", *(scores.PREFIX + name for name in classes)]
-        )
+        tables = runs[system][0].tables
+        names = ["capture", *(scores.PREFIX + name for name in classes)]
+        columns = tables.read_columns("predictions", names)
         if columns is None:
             continue
-        captures, *proba = columns
-        if hits and len(np.unique(captures)) == len(
-            captures
-        ):  # a prediction each, as of most systems
-            labels, order = (
-                scores.most_probable(np.column_stack(proba), classes),
-                np.argsort(captures),
-            )
-            captures, labels = captures[order], labels[order]
+        order, *proba = columns
+        if hits and len(np.unique(order)) == len(order):  # one prediction a capture: most systems
+            labels = scores.most_probable_labels(np.column_stack(proba), classes)
+            labels, order = labels[np.argsort(order)], np.sort(order)
         else:
             predictions = tables["predictions"]
-            table = scores.captures(predictions).drop_duplicates("capture").sort_values("capture")
-            captures, labels = (table[name].to_numpy() for name in ("capture", "predicted"))
+            table = scores.label_captures(predictions).drop_duplicates("capture")
+            table = table.sort_values("capture")
+            order, labels = table["capture"].to_numpy(), table["predicted"].to_numpy()
         if not hits:
-            found = {
-                "gestures": scores.classes_of(predictions),
-                "captures": captures,
-                "true": table["true"].to_numpy(),
-            }
-        if np.array_equal(captures, found["captures"]):
-            hits[system] = "".join(np.where(labels == found["true"], "1", "0"))
-    found["true"] = pd.Index(found["gestures"]).get_indexer(pd.Index(found["true"])).tolist()
-    return {**found, "captures": np.diff(found["captures"], prepend=0).tolist(), "hits": hits}
+            classes = scores.classes_of(predictions)
+            captures, true = order, table["true"].to_numpy()
+        if np.array_equal(order, captures):
+            hits[system] = "".join(np.where(labels == true, "1", "0"))
+    return {
+        "gestures": classes,
+        "captures": np.diff(captures, prepend=0).tolist(),  # compresses better than the numbers
+        "true": pd.Index(classes).get_indexer(pd.Index(true)).tolist(),
+        "hits": hits,
+    }

@@ -13,18 +13,19 @@ import pandas as pd
 from scipy.stats import rankdata
 
 from bench.reading import statistics
-from bench.reading.frame import by_subject
-from bench.reports.contexts import Part, Section
+from bench.reading.frame import accuracy_by_subject
+from bench.reports.sections import Exhibit
 from bench.values import few
-from bench.values.intervals import percentiles, weights
-from bench.values.measures import Measure, text
-from bench.values.result import Result, notes_on
-from bench.values.table import Table, rows_of
+from bench.values.intervals import draw_weights, percentile_interval
+from bench.values.measures import Measure, text_measure
+from bench.values.result import Result, footnotes_of_system
+from bench.values.table import Table, rows_of_frame
 
 SAME = ("synthetic", "subset", "target", "protocol")  # tags that all ranked corpora share
 COLUMNS = (
     "system mean_rank low high accuracy difference difference_low difference_high p_holm".split()
 )
+SUMMARY = "systems ranked within each person"
 CAPTION = (
     "{}: mean rank of each system over {} people, 1 for the most accurate, with 95 % bootstrap intervals (people drawn "
     "within each corpus); then accuracy (and place) on each corpus. Ranks depend on which systems are compared. "
@@ -32,8 +33,8 @@ CAPTION = (
 )
 
 
-def rankings(groups: Mapping[str, Sequence[Result]]) -> dict[str, pd.DataFrame]:
-    """A table of `ranking` for each subset and target of LOSO runs on several corpora, by the groups that it ranks.
+def rank_over_corpora(groups: Mapping[str, Sequence[Result]]) -> dict[str, pd.DataFrame]:
+    """A table of `rank_systems` for each subset and target of LOSO runs on several corpora, by the groups that it ranks.
 
     Corpora that were joined or changed at import do not count, since their people are those of another corpus.
     """
@@ -59,8 +60,8 @@ def rankings(groups: Mapping[str, Sequence[Result]]) -> dict[str, pd.DataFrame]:
                 data not in tables and digest not in chosen.values()
             ):  # the largest version of a corpus counts
                 chosen[name] = digest
-                tables[data] = by_subject([r for r in results if r.alone])[0]
-        if (table := ranking(tables)) is not None:
+                tables[data] = accuracy_by_subject([r for r in results if r.predicts_alone])[0]
+        if (table := rank_systems(tables)) is not None:
             names = [
                 name for name, data in zip(chosen, tables, strict=True) if f"{data}_place" in table
             ]
@@ -68,7 +69,7 @@ def rankings(groups: Mapping[str, Sequence[Result]]) -> dict[str, pd.DataFrame]:
     return found
 
 
-def ranking(tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame | None:
+def rank_systems(tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame | None:
     """Systems by their mean rank within each person, equal ones share theirs; None unless two are on two corpora.
 
     Ranked are the corpora with the most results, systems that have all of them times people.
@@ -94,33 +95,37 @@ def ranking(tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame | None:
         "high": np.nan,
     }
     table = pd.DataFrame(made | {"accuracy": everyone.mean(axis=1).to_numpy()})
-    if min(people[names]) >= few.INTERVAL:
-        sums = [each @ drawn.T for each, drawn in zip(ranks, weights(people[names]), strict=True)]
-        table["low"], table["high"] = percentiles(np.sum(sums, axis=0) / sum(people[names]), axis=1)
+    if min(people[names]) >= few.FEWEST_FOR_INTERVAL:
+        sums = [
+            each @ drawn.T for each, drawn in zip(ranks, draw_weights(people[names]), strict=True)
+        ]
+        table["low"], table["high"] = percentile_interval(
+            np.sum(sums, axis=0) / sum(people[names]), axis=1
+        )
     for name, part in parts.items():
         mean = part.mean(axis=1).round(9).to_numpy()
         table[f"{name}_accuracy"], table[f"{name}_place"] = mean, rankdata(-mean)
     table = table.sort_values(
         ["mean_rank", "accuracy"], ascending=[True, False], kind="stable", ignore_index=True
     )
-    tests = statistics.against_best(everyone.loc[table["system"]])
+    tests = statistics.compare_with_base(everyone.loc[table["system"]])
     tests = tests.rename(columns={"low": "difference_low", "high": "difference_high"})
     table = table.merge(tests[["system", *COLUMNS[5:]]], on="system")
     table.attrs["people"] = sum(people[names])
     return table[[*COLUMNS, *table.columns.drop(COLUMNS)]]
 
 
-def section(found: Mapping[str, pd.DataFrame]) -> Section | None:
+def ranking_exhibits(found: Mapping[str, pd.DataFrame]) -> list[Exhibit]:
     """A small table for each ranking."""
-    parts = []
+    exhibits = []
     for title, table in found.items():
         corpora = [name.removesuffix("_place") for name in table if name.endswith("_place")]
         columns = [
-            text("system"),
+            text_measure("system"),
             Measure("mean_rank", "mean rank [95 %]", form=".2f", ends="mean_rank"),
         ]
-        columns += [text(f"{data} % (place)") for data in corpora]
-        rows = rows_of(
+        columns += [text_measure(f"{data} % (place)") for data in corpora]
+        rows = rows_of_frame(
             table.rename(columns={"low": "mean_rank_low", "high": "mean_rank_high"}).head(
                 statistics.RANKED
             )
@@ -128,12 +133,10 @@ def section(found: Mapping[str, pd.DataFrame]) -> Section | None:
         for row, data in product(rows, corpora):
             row[f"{data} % (place)"] = f"{row[f'{data}_accuracy']:.1f} ({row[f'{data}_place']:g})"
         remarks = [
-            [note for data in corpora for note in notes_on(row["system"], data)] for row in rows
+            [note for data in corpora for note in footnotes_of_system(row["system"], data)]
+            for row in rows
         ]
         caption = CAPTION.format(title, table.attrs["people"])
-        parts.append(Part(None, Table(columns, rows, remarks=remarks), caption))
-    return (
-        Section("Over several corpora", parts, "systems ranked within each person")
-        if parts
-        else None
-    )
+        shown = Table(columns, rows, remarks=remarks)
+        exhibits.append(Exhibit("Over several corpora", None, shown, caption, summary=SUMMARY))
+    return exhibits

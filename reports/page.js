@@ -129,26 +129,11 @@
   }
 
   // ---- two systems -------------------------------------------------------------------------------------------------
-  function sums(ranks) {  // probability of each sum of ranks, if each of them counts or not with equal odds
-    let odds = [1];
-    for (const rank of ranks) {
-      const more = Array(odds.length + rank).fill(0);
-      odds.forEach((one, i) => { more[i] += one / 2; more[i + rank] += one / 2; });
-      odds = more;
-    }
-    return odds;
-  }
-
-  function tested(differences) {  // Wilcoxon's signed rank test and the shifts that it does not reject
-    const moved = differences.filter(d => Math.abs(d) > NEAR), sizes = moved.map(Math.abs);
-    if (differences.length < 6) return null;
-    const doubled = sizes.map(size => sizes.filter(other => other < size - NEAR).length * 2 + sizes.filter(other => Math.abs(other - size) <= NEAR).length + 1);
-    const gained = doubled.reduce((sum, rank, i) => sum + (moved[i] > 0 ? rank : 0), 0), all = doubled.reduce((a, b) => a + b, 0);
-    const p = moved.length < 2 ? 1 : Math.min(1, 2 * sums(doubled).slice(0, Math.min(gained, all - gained) + 1).reduce((a, b) => a + b, 0));
-    const means = differences.flatMap((a, i) => differences.slice(i).map(b => (a + b) / 2)).sort((a, b) => a - b);
-    let rejected = 0, odds = 0;
-    for (const one of sums(differences.map((_, i) => i + 1))) if (2 * (odds += one) <= 0.05) rejected++;
-    return {p, low: means[rejected - 1], high: means[means.length - rejected]};
+  function pairTest(group, one, two) {  // of the first minus the second system; null where the page has no test
+    const test = group.pairs.find(([a, b]) => a === one.place && b === two.place || a === two.place && b === one.place);
+    if (!test || test[4] === null) return null;
+    const [first, , low, high, p] = test;
+    return first === one.place ? {low, high, p} : {low: -high, high: -low, p};
   }
 
   const grid = (caption, heads, rows) => make("div", {class: "scroll", tabindex: "0", role: "group", "aria-label": caption}, make("table", {}, make("caption", {}, caption),
@@ -161,9 +146,9 @@
     if (!two) return void group.pair.append(...one ? [make("p", {}, `Tick another system to compare it with ${one.name}.`)] : []);
     const shared = group.people.flatMap((_, i) => one.scores[i] === null || two.scores[i] === null ? [] : [i]);
     const differences = shared.map(i => one.scores[i] - two.scores[i]);
-    const mean = differences.reduce((a, b) => a + b, 0) / differences.length, test = tested(differences);
+    const mean = differences.reduce((a, b) => a + b, 0) / differences.length, test = pairTest(group, one, two);
     const p = test && (test.p < 0.001 ? "< 0.001" : `= ${test.p.toFixed(3)}`), people = several(differences.length, "subject");
-    const words = test ? `95 % interval [${signed(test.low)}, ${signed(test.high)}], p ${p} (both by the paired two-sided Wilcoxon test over ${people}; one test, not corrected).` : `${people}: too few for a test.`;
+    const words = test ? `95 % interval [${signed(test.low)}, ${signed(test.high)}], p ${p} (both by the paired two-sided Wilcoxon test over ${people}; not corrected).` : differences.length < 6 ? `${people}: too few for a test.` : "The page has no test of these two; it tests the most accurate systems.";
     const named = sign => shared.filter((_, i) => sign * differences[i] > NEAR).map(i => group.people[i]).sort((a, b) => a.localeCompare(b, undefined, {numeric: true}));
     const listed = names => `${several(names.length, "subject")}${names.length ? ` (${names.join(", ")})` : ""}`;
     group.pair.append(make("h3", {}, `${one.name} and ${two.name}`),
@@ -220,7 +205,7 @@
   function rows(data) {  // which stand in columns
     const of = (columns, i) => columns.map(column => column[i]);
     return data.name.map((name, i, _, first = data.counts.slice(0, i).reduce((a, b) => a + b, 0)) => ({
-      name, family: data.family[i], chosen: data.chosen.includes(i), marks: data.marks[i], cells: of(data.cells, i), scores: of(data.scores, i),
+      name, place: i, family: data.family[i], chosen: data.chosen.includes(i), marks: data.marks[i], cells: of(data.cells, i), scores: of(data.scores, i),
       hits: data.hits[i], seeds: Array.from({length: data.counts[i]}, (_, seed) => of(data.seeds, first + seed)),
     }));
   }

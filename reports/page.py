@@ -1,50 +1,55 @@
-"""The report as a whole: ``bench report`` rebuilds it from MLflow and the files beside this one."""
+"""The report: ``bench report`` makes it from stored runs and the published numbers beside this file."""
 
 from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
-from bench.errors import InputError, nearest
-from bench.grammar.options import makers
+from bench.errors import InputError, suggest_names
+from bench.grammar.options import run_commands
 from bench.ground.progress import warn
-from bench.ground.registry import imported, load, names, views
-from bench.ground.scratch import owner, sweep
-from bench.ground.words import typed
-from bench.reading.candidates import repeated
-from bench.reading.frame import grouped
-from bench.reading.runs import every_result, every_run, of_captures, wanted
+from bench.ground.registry import import_object, load_part, load_views, registered_parts
+from bench.ground.scratch import owner_prefix, remove_leftovers
+from bench.ground.typed import format_command
+from bench.reading.candidates import repeated_arguments
+from bench.reading.frame import group_results
+from bench.reading.runs import load_clean_runs, load_results, results_on_captures, select_or_fail
 from bench.reports import history, ledger, over_corpora
 from bench.reports.bundle import Bundle
-from bench.reports.chart import cost_chart, marks
+from bench.reports.chart import chart_points, draw_cost_chart
 from bench.reports.comparison import (
     UNITS,
-    comparison,
-    provenance,
+    comparison_table,
+    load_published,
     provenance_section,
-    published,
+    provenance_table,
     runs_section,
-    scored,
+    score_rows,
 )
-from bench.reports.contexts import Part, Section, listed, noted
-from bench.reports.details import pictures
+from bench.reports.details import draw_group_figures
 from bench.reports.figures import Picture
-from bench.reports.latex import latex, papers, sheet, side_by_side
-from bench.reports.layout import markdown, page, slug
-from bench.reports.live import packed
-from bench.reports.papers import against as beside_papers
-from bench.reports.papers import best_published, published_section, yours
-from bench.reports.summary import Summary, labels, largest_groups, summary_of
+from bench.reports.latex import comparison_latex, make_papers, papers_latex, papers_table
+from bench.reports.layout import render_markdown, render_page, slugify
+from bench.reports.live import page_data
+from bench.reports.notes import add_note_column, join_names
+from bench.reports.papers import (
+    best_published,
+    compare_with_published,
+    own_systems,
+    published_section,
+)
+from bench.reports.sections import Exhibit, group_by_heading
+from bench.reports.summary import Summary, split_largest_groups, summarise_group, tab_labels
 from bench.store.client import Store
 from bench.values import few
-from bench.values.measures import costs
-from bench.values.result import MARKED, Result, Row, several
+from bench.values.measures import all_costs
+from bench.values.result import BATCH_NOTE, Result, format_count
 from bench.values.table import write_sheet
 
 
@@ -53,221 +58,268 @@ def write_report(
     folder: Path,
     budgets: Mapping[str, float] | None = None,
     against: str = "",
-    asked: Mapping[str, Iterable[object]] | None = None,
-    paper: Sequence[str] = ("accuracy",),
-    over_revisions: bool = False,
+    selection: Mapping[str, Iterable[object]] | None = None,
+    paper_columns: Sequence[str] = ("accuracy",),
+    with_history: bool = False,
 ) -> list[Path]:
     """Write ``index.html``, ``comparison.md``, LaTeX tables, a CSV file for each table, figures as SVG.
 
-    Tests compare with the system ``against``, in each group that has it, else with the best one. ``asked`` selects
-    runs as `bench.reading.runs.selected` does, ``paper`` columns of ``paper.tex`` and ``paper.csv``.
-    ``over_revisions`` adds each system over git revisions.
+    Args:
+        store: store or bundle of the runs.
+        folder: folder for all files; a report that is stopped while it is made leaves the earlier one there.
+        budgets: largest or smallest amount of each cost.
+        against: system that tests compare with, in each group that has it; empty for the best one.
+        selection: values of the selected runs (`bench.reading.runs.select_runs`).
+        paper_columns: columns of ``paper.tex`` and ``paper.csv``.
+        with_history: True adds each system over git revisions.
+
+    Raises:
+        InputError: no run is stored or selected, ``against`` has no complete run, or the folder cannot be written.
     """
-    results = wanted(every_result(store, asked), asked or {})
-    runs = of_captures(results)
-    systems = sorted({r.system for r in runs if r.complete and r.alone})
+    results = select_or_fail(load_results(store, selection), selection or {})
+    runs = results_on_captures(results)
+    systems = sorted({r.system for r in runs if r.is_complete and r.predicts_alone})
     if against and against not in systems:
         raise InputError(
-            f"against={against}: no complete run of this system is stored; {nearest(against, systems)}"
+            f"against={against}: no complete run of this system is stored; {suggest_names(against, systems)}"
         )
+    revisions = load_clean_runs(store, selection) if with_history else []
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        sweep(folder, ".")
-        with tempfile.TemporaryDirectory(prefix=f".{owner()}", dir=folder) as beside:
-            revisions = every_run(store, asked) if over_revisions else None
-            written = _write(Path(beside), runs, results, budgets or {}, against, paper, revisions)
+        remove_leftovers(folder, ".")
+        with tempfile.TemporaryDirectory(prefix=f".{owner_prefix()}", dir=folder) as scratch:
+            report = Report(results, Path(scratch), budgets or {}, against, revisions)
+            if with_history and not report.histories:
+                warn("warning: history=yes: no system has complete runs of several revisions")
+            written = report.write(paper_columns)
             (folder / "figures").mkdir(exist_ok=True)
-            for name in (
-                written
-            ):  # a report that is stopped while it is made leaves the earlier one as it was
-                os.replace(Path(beside) / name, folder / name)
-        for old in (folder / "figures").glob("[0-9]*-*.[ps][nv]g"):
-            if old.relative_to(folder) not in written:  # of an earlier report
-                old.unlink()
+            for name in written:
+                os.replace(Path(scratch) / name, folder / name)
+        for figure in (folder / "figures").glob("[0-9]*-*.[ps][nv]g"):
+            if figure.relative_to(folder) not in written:  # of an earlier report
+                figure.unlink()
     except OSError as e:
         raise InputError(f"{folder} cannot be written ({e.strerror}); choose another out=") from e
     return [folder / name for name in written]
 
 
-def _write(
-    folder: Path,
-    runs: list[Result],
-    results: list[Result],
-    budgets: Mapping[str, float],
-    against: str,
-    paper: Sequence[str],
-    revisions: Sequence[Result] | None,
-) -> list[Path]:
-    """Write a report into an empty folder; its files, the page last, relative to the folder."""
-    figures = folder / "figures"
-    figures.mkdir()
-    groups = grouped(runs)
-    largest, left_out = largest_groups(groups)
-    summaries = summarised(largest, results, budgets, against, figures)
-    ranked = over_corpora.rankings(groups)
-    rows = scored(
-        groups, against, {group.name: (group.subjects, group.rows) for group in summaries}
-    )
-    tables = csv_tables(groups, results, summaries, ranked, rows)
-    over_revisions, tables["history"] = history.section(revisions or [], figures)
-    if revisions is not None and over_revisions is None:
-        warn("warning: history=yes: no system has complete runs of several revisions")
-    under_protocols, of_protocols = ledger.section(runs, tables["published"], figures)
-    made = papers(runs, paper)
-    shown_runs = runs or results
-    values = {
-        "title": f"Which system to choose: {', '.join(sorted({r.context[0] for r in shown_runs}))}",
-        "counts": f"{several(len(shown_runs), 'run')} of {several(len({r.system for r in shown_runs}), 'system')}",
-        "synthetic": any(r["synthetic"] == "true" for r in results),
-        "failed": sorted({r.system for r in runs if r["folds_failed"] > 0}),
-        "on_batch": sorted({r.system for r in runs if not r.alone}),
-        "marked": MARKED,
-        "groups": summaries,
-        "left_out": listed([f"“{name}”" for name in left_out]) if left_out else "",
-        "sections": [
-            *sections(summaries, results, ranked, figures),
-            *under_protocols,
-            *filter(None, [over_revisions]),
-        ],
-        "unmeasured": unmeasured(
-            results, next((group.arguments for group in summaries if group.arguments), "")
-        ),
-        "published": published_section(
-            pd.concat([tables["published"], yours(runs)], ignore_index=True)
-        ),
-        "few": few.INTERVAL,
-        "runs": runs_section(rows, [*largest, *left_out]) if runs else None,
-        "provenance": provenance_section(shown_runs, tables["provenance"]),
-    }
-    tables = {
-        name: table for name, table in tables.items() if (runs and name != "history") or len(table)
-    }
-    tables |= {"paper": sheet(made)} if made else {}
-    tables |= {"protocols": of_protocols} if len(of_protocols) else {}
-    for name, table in tables.items():
-        write_sheet(
-            table.rename(columns=UNITS) if name == "comparison" else table, folder / f"{name}.csv"
+class Report:
+    """The values from which sections and files of one report are made, each computed once.
+
+    Args:
+        results: selected results of all kinds.
+        folder: empty folder for all files.
+        budgets: largest or smallest amount of each cost.
+        against: system that tests compare with; empty for the best one.
+        revisions: runs of all git revisions, for the history.
+    """
+
+    def __init__(
+        self,
+        results: Sequence[Result],
+        folder: Path,
+        budgets: Mapping[str, float],
+        against: str = "",
+        revisions: Sequence[Result] = (),
+    ) -> None:
+        self.results, self.runs = results, results_on_captures(results)
+        self.folder, self.figures = folder, folder / "figures"
+        self.figures.mkdir()
+        self.groups = group_results(self.runs)
+        self.largest_groups, self.omitted_groups = split_largest_groups(self.groups)
+        self.summaries = summarise_groups(
+            self.largest_groups, results, budgets, against, self.figures
         )
-    texts = {"comparison.tex": latex(rows), "paper.tex": side_by_side(made)} if runs else {}
-    texts["comparison.md"] = markdown("report.jinja", **values)
-    texts["index.html"] = page("report.jinja", script="page.js", **values)
-    for name, text in texts.items():
-        (folder / name).write_text(text, encoding="utf-8")
-    drawn = sorted(path.relative_to(folder) for path in figures.iterdir())
-    return [*drawn, *(Path(f"{name}.csv") for name in tables), *map(Path, texts)]
+        tests = {group.name: (group.subjects, group.rows) for group in self.summaries}
+        self.rows = score_rows(self.groups, against, tests)
+        self.rankings = over_corpora.rank_over_corpora(self.groups)
+        self.published = compare_with_published(self.runs)
+        self.revisions = revisions
+
+    @cached_property
+    def histories(self) -> dict[str, pd.DataFrame]:
+        """Stored revisions and steps of each group with several revisions."""
+        groups = group_results(self.revisions)
+        tables = {name: history.find_steps(runs) for name, runs in groups.items()}
+        return {name: table for name, table in tables.items() if len(table)}
+
+    @cached_property
+    def views(self) -> list[tuple[Any, list[Result]]]:
+        """Views of captures, studies, circumstances and protocols that apply to a result, with these results."""
+        used = {r["protocol_name"] for r in self.results} & registered_parts("protocols").keys()
+        protocols = (load_part("protocols", name) for name in sorted(used))
+        places = dict.fromkeys(getattr(protocol, "view", "") for protocol in protocols)
+        views = [*load_views().values(), *(import_object(place)() for place in places if place)]
+        applied = ((view, [r for r in self.results if view.applies_to(r)]) for view in views)
+        return [(view, results) for view, results in applied if results]
+
+    def write(self, paper_columns: Sequence[str]) -> list[Path]:
+        """Write all files; their paths relative to the folder, the page last."""
+        papers = make_papers(self.runs, paper_columns)
+        tables = self.csv_tables() | ({"paper": papers_table(papers)} if papers else {})
+        for name, table in tables.items():
+            headings = UNITS if name == "comparison" else {}
+            write_sheet(table.rename(columns=headings), self.folder / f"{name}.csv")
+        texts = {}
+        if self.runs:
+            texts = {"comparison.tex": comparison_latex(self.rows)}
+            texts["paper.tex"] = papers_latex(papers)
+        values = {name: make_section(self) for name, make_section in SECTIONS.items()}
+        title = f"Which system to choose: {', '.join(values['head']['corpora'])}"
+        texts["comparison.md"] = render_markdown("report.jinja", title=title, **values)
+        texts["index.html"] = render_page("report.jinja", title, script="page.js", **values)
+        for name, text in texts.items():
+            (self.folder / name).write_text(text, encoding="utf-8")
+        figures = sorted(path.relative_to(self.folder) for path in self.figures.iterdir())
+        return [*figures, *(Path(f"{name}.csv") for name in tables), *map(Path, texts)]
+
+    def csv_tables(self) -> dict[str, pd.DataFrame]:
+        """The tables of the CSV files by name, with footnotes."""
+        of_views: dict[str, pd.DataFrame] = {}
+        for view, results in self.views:
+            of_views |= view.csv_tables(results)
+        ranking_columns = pd.DataFrame(columns=[*over_corpora.COLUMNS, "group"])
+        of_runs = {
+            "comparison": comparison_table(self.rows),
+            "published": self.published,
+            "statistics": _concat_groups({group.name: group.rows for group in self.summaries}),
+            "pairs": _concat_groups({group.name: group.pairs for group in self.summaries}),
+            "ranking": _concat_groups(self.rankings, ranking_columns),
+        }
+        data = {name: str(runs[0]["data"]) for name, runs in self.groups.items()}
+        for name, table in self.rankings.items():
+            data |= {name: "haart"} if "haart_place" in table else {}
+        people = {g.name: g.subjects.shape[1] for g in self.summaries if len(g.subjects)}
+        tables = {name: table for name, table in of_views.items() if len(table)}
+        tables |= {name: table for name, table in of_runs.items() if self.runs or len(table)}
+        tables = {name: add_note_column(table, data, people) for name, table in tables.items()}
+        tables["provenance"] = provenance_table(group_results(self.results))
+        others = {"history": history.history_sheet(self.histories)}
+        others["protocols"] = ledger.make_ledger(self.runs)
+        return tables | {name: table for name, table in others.items() if len(table)}
 
 
-def summarised(
+def _concat_groups(
+    tables: Mapping[str, pd.DataFrame], empty: pd.DataFrame | None = None
+) -> pd.DataFrame:
+    """Tables below each other, with the name of each in a column ``group``."""
+    parts = [table.assign(group=name) for name, table in tables.items()]
+    return pd.concat([pd.DataFrame() if empty is None else empty, *parts], ignore_index=True)
+
+
+def summarise_groups(
     groups: Mapping[str, Sequence[Result]],
     results: Sequence[Result],
     budgets: Mapping[str, float],
     against: str,
     folder: Path,
 ) -> list[Summary]:
-    """A summary of each group, its figures written into a folder."""
-    alone = [r for r in results if r.alone]
+    """A summary of each group, with its figures written into a folder."""
+    alone = [r for r in results if r.predicts_alone]
     models = {r.system: str(r["model_name"]) for r in alone}
-    known = {*published()["system"]} - {""}
-    protocols = [str(members[0]["protocol_name"]) for members in groups.values()]
-    made = []
-    for i, (label, (name, members)) in enumerate(
-        zip(labels(groups), groups.items(), strict=True), 1
-    ):
-        group, file = summary_of(name, members, alone, budgets, against), f"{i}-{slug(name)}"
-        group.label, group.key = label, protocols[i - 1]
-        if group.key in protocols[: i - 1]:
-            group.key = slug(name, most=200)
-        if group.among is not None and len(group.subjects) and len(group.among.table) > 1:
-            points = marks(group, models, known)
-            left = len(group.among.table) - len(points)
-            best = best_published(members[0])
-            for key in group.costs:
-                if chart := cost_chart(name, points, costs()[key], budgets.get(key), left, best):
-                    picture = Picture(f"{file}-speed-{slug(key)}", chart[1], folder)
-                    picture.path.write_text(chart[0], encoding="utf-8")
-                    group.charts.append({"label": costs()[key].title, "picture": picture})
-        group.pictures = pictures(members, group.subjects, name, folder, file)
-        group.live = packed(group, models)
-        made.append(group)
-    return made
+    labels, summaries, keys = tab_labels(groups), [], set[str]()
+    for i, (name, runs) in enumerate(groups.items(), 1):
+        summary, file = summarise_group(name, runs, alone, budgets, against), f"{i}-{slugify(name)}"
+        protocol = str(runs[0]["protocol_name"])
+        summary.label = labels[i - 1]
+        summary.key = slugify(name, most=200) if protocol in keys else protocol
+        keys.add(protocol)
+        draw_charts(summary, models, budgets, folder, file)
+        summary.pictures = draw_group_figures(runs, summary.subjects, name, folder, file)
+        summary.page_data = page_data(summary, models)
+        summaries.append(summary)
+    return summaries
 
 
-def csv_tables(
-    groups: Mapping[str, Sequence[Result]],
-    results: Sequence[Result],
-    summaries: Sequence[Summary],
-    ranked: Mapping[str, pd.DataFrame],
-    rows: Sequence[Row],
-) -> dict[str, pd.DataFrame]:
-    """The tables of the CSV files by name, with footnotes."""
-
-    def together(tables: Mapping[str, pd.DataFrame], columns: Sequence[str] = ()) -> pd.DataFrame:
-        parts = [table.assign(group=name) for name, table in tables.items()]
-        return pd.concat([pd.DataFrame(columns=columns or None), *parts], ignore_index=True)
-
-    of_views = {
-        name: table
-        for view, members in shown(results)
-        for name, table in view.sheets(members).items()
-    }
-    tables = {name: table for name, table in of_views.items() if len(table)} | {
-        "comparison": comparison(rows),
-        "published": beside_papers([r for members in groups.values() for r in members]),
-        "statistics": together({group.name: group.rows for group in summaries}),
-        "pairs": together({group.name: group.pairs for group in summaries}),
-        "ranking": together(ranked, [*over_corpora.COLUMNS, "group"]),
-    }
-    data_of = {name: str(members[0]["data"]) for name, members in groups.items()}
-    data_of |= {title: "haart" for title, table in ranked.items() if "haart_place" in table}
-    people_of = {group.name: group.subjects.shape[1] for group in summaries if len(group.subjects)}
-    tables = {name: noted(table, data_of, people_of) for name, table in tables.items()}
-    return tables | {"provenance": provenance(grouped(results))}
-
-
-def shown(results: Sequence[Result]) -> Iterator[tuple[Any, list[Result]]]:
-    """Views that there is a result of, with these results: of captures, studies, circumstances, and of protocols."""
-    for view in (*views().values(), *_of_protocols(results)):
-        if members := [r for r in results if view.holds(r)]:
-            yield view, members
-
-
-def _of_protocols(results: Sequence[Result]) -> list[Any]:
-    """What protocols show of their runs; few do."""
-    used = sorted({r["protocol_name"] for r in results} & names("protocols").keys())
-    places = dict.fromkeys(getattr(load("protocols", name), "view", "") for name in used)
-    return [imported(place)() for place in places if place]
-
-
-def sections(
-    summaries: Sequence[Summary],
-    results: Sequence[Result],
-    ranked: Mapping[str, pd.DataFrame],
+def draw_charts(
+    summary: Summary,
+    models: Mapping[str, str],
+    budgets: Mapping[str, float],
     folder: Path,
-) -> list[Section]:
-    """The sections of circumstances, of people and of several corpora; those of one heading are one."""
-    made = [view.section(members, folder) for view, members in shown(results)]
-    if people := [
-        Part(picture=group.pictures["subjects"])
-        for group in summaries
-        if "subjects" in group.pictures
-    ]:
-        made.append(
-            Section(
-                "People", people, next((group.people for group in summaries if group.people), "")
-            )
-        )
-    joined: dict[str, Section] = {}
-    for section in [*filter(None, made), *filter(None, [over_corpora.section(ranked)])]:
-        before = joined.get(section.heading, Section(section.heading))
-        parts, line = [*before.parts, *section.parts], f"{section.line} {before.line}".strip()
-        joined[section.heading] = replace(section, parts=parts, line=line)
-    return [*joined.values()]
+    file: str,
+) -> None:
+    """Draw accuracy against each cost of a group of several candidates."""
+    if summary.choice is None or len(summary.choice.table) < 2 or not len(summary.subjects):
+        return
+    points = chart_points(summary, models, {*load_published()["system"]} - {""})
+    omitted, best = len(summary.choice.table) - len(points), best_published(summary.results[0])
+    for key in summary.costs:
+        cost = all_costs()[key]
+        chart = draw_cost_chart(summary.name, points, cost, budgets.get(key), omitted, best)
+        if chart is not None:
+            drawing, caption = chart
+            picture = Picture(f"{file}-speed-{slugify(key)}", caption, folder)
+            picture.path.write_text(drawing, encoding="utf-8")
+            summary.charts.append({"label": cost.title, "picture": picture})
 
 
-def unmeasured(results: Sequence[Result], arguments: str) -> list[tuple[str, str]]:
+def describe_runs(report: Report) -> dict[str, Any]:
+    """The head of the page: numbers of runs and systems, and warnings."""
+    shown = report.runs or report.results
+    runs, systems = len(shown), len({r.system for r in shown})
+    return {
+        "corpora": sorted({r.context[0] for r in shown}),
+        "counts": f"{format_count(runs, 'run')} of {format_count(systems, 'system')}",
+        "synthetic": any(r["synthetic"] == "true" for r in report.results),
+        "failed": sorted({r.system for r in report.runs if r["folds_failed"] > 0}),
+        "on_batch": sorted({r.system for r in report.runs if not r.predicts_alone}),
+        "batch_note": BATCH_NOTE,
+        "omitted": join_names([f"“{name}”" for name in report.omitted_groups]),
+    }
+
+
+def collect_exhibits(report: Report) -> dict[str, list[Exhibit]]:
+    """Exhibits of views, people, corpora, protocols and revisions, by heading."""
+
+    def exhibits() -> Iterator[Exhibit]:
+        for view, results in report.views:
+            yield from view.make_exhibits(results, report.figures)
+        summary = next((group.people for group in report.summaries if group.people), "")
+        for group in report.summaries:
+            if "subjects" in group.pictures:
+                yield Exhibit("People", group.pictures["subjects"], summary=summary)
+        yield from over_corpora.ranking_exhibits(report.rankings)
+        yield from ledger.ledger_exhibits(report.runs, report.published, report.figures)
+        yield from history.history_exhibits(report.histories, report.figures)
+
+    return group_by_heading(exhibits())
+
+
+def missing_measurements(report: Report) -> list[tuple[str, str]]:
     """Commands that would measure what no result has, each with its summary."""
-    held = {view.key for view, _ in shown(results)}
-    words = repeated(arguments)
+    measured = {view.key for view, _ in report.views}
+    arguments = next((group.arguments for group in report.summaries if group.arguments), "")
     return [
-        (typed(name, words), one.summary) for name, one in makers().items() if one.makes not in held
+        (format_command(name, repeated_arguments(arguments)), command.summary)
+        for name, command in run_commands().items()
+        if command.makes not in measured
     ]
+
+
+def describe_published(report: Report) -> dict[str, Any]:
+    """Published numbers beside ours."""
+    beside = pd.concat([report.published, own_systems(report.runs)], ignore_index=True)
+    return published_section(beside) | {"fewest": few.FEWEST_FOR_INTERVAL}
+
+
+def describe_rows(report: Report) -> dict[str, Any] | None:
+    """All runs in one table; None without runs on captures."""
+    order = [*report.largest_groups, *report.omitted_groups]
+    return runs_section(report.rows, order) if report.runs else None
+
+
+def describe_provenance(report: Report) -> dict[str, Any]:
+    """Corpora, versions and commands of the runs."""
+    table = provenance_table(group_results(report.results))
+    return provenance_section(report.runs or report.results, table)
+
+
+SECTIONS: dict[str, Callable[[Report], Any]] = {  # values of the template, in the order of the page
+    "head": describe_runs,
+    "groups": lambda report: report.summaries,
+    "sections": collect_exhibits,
+    "unmeasured": missing_measurements,
+    "published": describe_published,
+    "runs": describe_rows,
+    "provenance": describe_provenance,
+}

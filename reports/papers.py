@@ -8,17 +8,18 @@ than that the two do not contradict each other.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from bench.reports.comparison import SAME, published
-from bench.reports.contexts import listed
+from bench.reports.comparison import load_published, setting_of_paper, setting_of_run
 from bench.reports.details import macro_interval
+from bench.reports.notes import join_names
 from bench.values import few, scores
-from bench.values.measures import NONE, Measure, known, text
+from bench.values.measures import UNKNOWN, Measure, text_measure, value_or_none
 from bench.values.result import Result, Row, seed_number
-from bench.values.table import Table, rows_of
+from bench.values.table import Table, rows_of_frame
 
 NAMES = {"cost": "CoST", "haart": "HAART", "cuddlebot": "CuddleBot", "shear": "a sheared skin"}
 SHARED = ["data", "subset", "protocol", "words"]  # of published numbers that stand together
@@ -34,99 +35,84 @@ PAPER = (  # columns of published.csv that published.csv of the report has, too
     "id reference year data subset protocol unit unit_key features n_features classifier accuracy sd confidence system "
     "table4 table4_sd"
 ).split()
-PRINTED = {
-    "accuracy": "published",
-    "sd": "published_sd",
-}  # columns of the papers' file that are called otherwise here
+RENAMED = {"accuracy": "published", "sd": "published_sd"}  # columns of the papers' file
 WHOLE = ("capture", "subject mean", "capture vote")  # units of whole captures
-MINE, YOURS = "yours", 5  # reference of rows without a paper, and how many of a protocol
-NOTHING = dict.fromkeys(("ours", "low", "high", "ours_sd", "subjects", "difference"), np.nan) | {
-    "seed": ""
-}
+OWN, OWN_SYSTEMS = "yours", 5  # reference of rows without a paper, and how many of a protocol
+WITHOUT_RUN = {name: np.nan for name in ("ours", "low", "high", "ours_sd", "subjects", "difference")}
+WITHOUT_RUN |= {"seed": ""}
 
 
-def against(results: Sequence[Result]) -> pd.DataFrame:
+def compare_with_published(results: Sequence[Result]) -> pd.DataFrame:
     """Published numbers in percent, a row for each and each seed of ours; one without ours if there is none.
 
-    Only complete runs of the very system count, with the parameters of the paper, on captures of people. ``note`` has
+    Only complete runs of the same system count, with the parameters of the paper, on captures of people. ``note`` has
     a remark a line.
     """
-    real = sorted(
-        (r for r in results if r["synthetic"] != "true"), key=lambda r: seed_number(r["seed"])
-    )
-    here, ours = {r["data"] for r in real}, _by(real, "model_name")
+    runs = _real_runs(results)
+    corpora = {r["data"] for r in runs}
     rows = []
-    for paper in published().itertuples():
-        runs = ours.get(tuple(getattr(paper, k) for k in SAME), [])
-        measured = [
-            m for run in runs if run.system == paper.system and (m := _measured(run, paper))
+    for paper in load_published().itertuples():
+        of_model = [
+            r
+            for r in runs
+            if setting_of_run(r) == setting_of_paper(paper) and r["model_name"] == paper.system
         ]
-        others = sorted({run.system for run in runs} - {paper.system})
-        as_printed = {PRINTED.get(c, c): getattr(paper, c) for c in PAPER} | NOTHING
-        notes = (
-            [paper.correction] if isinstance(paper.correction, str) else []
-        )  # of what the paper claims
-        for each in measured or [_nothing(paper, here, others)]:
-            rows.append(as_printed | each | {"note": "\n".join(notes + each["note"])})
+        same = [_value_beside(r, paper) for r in of_model if r.system == paper.system]
+        others = sorted({r.system for r in of_model} - {paper.system})
+        values = [*filter(None, same)] or [_verdict_without_run(paper, corpora, others)]
+        printed = {RENAMED.get(name, name): getattr(paper, name) for name in PAPER}
+        corrections = [paper.correction] if isinstance(paper.correction, str) else []
+        for value in values:
+            notes = {"note": "\n".join(corrections + value["note"])}
+            rows.append(printed | WITHOUT_RUN | value | notes)
     return pd.DataFrame(rows)
 
 
-def yours(results: Sequence[Result]) -> pd.DataFrame:
+def own_systems(results: Sequence[Result]) -> pd.DataFrame:
     """Our most accurate systems beside the best number of each published protocol and unit, whatever the systems are.
 
-    Of a system, the lowest seed; those that a paper published stand in their own rows (`against`).
+    Each has its lowest seed; systems that a paper published have their own rows (`compare_with_published`).
     """
-    keys, rows = SAME[:-1], []
-    real = sorted(
-        (r for r in results if r["synthetic"] != "true"), key=lambda r: -seed_number(r["seed"])
-    )
-    ours = _by(real)
-    numbers = published().dropna(subset="accuracy")
-    for _, papers in numbers.groupby([*keys, "subset", "protocol", "unit_key"], sort=False):
+    runs = _real_runs(results)
+    rows = []
+    numbers = load_published().dropna(subset="accuracy")
+    keys = ["data", "subset_key", "target_key", "protocol_key", "subset", "protocol", "unit_key"]
+    for _, papers in numbers.groupby(keys, sort=False):
         best = next(papers.nlargest(1, "accuracy").itertuples())
-        here, named = ours.get(tuple(getattr(best, k) for k in keys), []), {*papers["system"]}
-        lowest = {
-            r.system: r for r in here if r.complete and r.system not in named
-        }  # the last one stays
-        values = {
-            system: value
-            for system, r in lowest.items()
-            if not np.isnan(value := _value(r, best.unit_key)[1])
-        }
-        shown = {c: getattr(best, c) for c in ("data", "subset", "protocol", "unit", "unit_key")}
-        for system in sorted(values, key=lambda name: -values[name])[:YOURS]:
-            each = _measured(lowest[system], best)
-            assert each is not None
-            rows.append(
-                shown
-                | each
-                | {"reference": MINE, "classifier": system, "note": "\n".join(each["note"])}
-            )
+        values: dict[str, Row] = {}
+        for r in runs:
+            same = setting_of_run(r) == setting_of_paper(best) and r.is_complete
+            if same and r.system not in {*papers["system"], *values}:
+                if value := _value_beside(r, best):
+                    values[r.system] = value
+        printed = {c: getattr(best, c) for c in ("data", "subset", "protocol", "unit", "unit_key")}
+        for system in sorted(values, key=lambda name: -values[name]["ours"])[:OWN_SYSTEMS]:
+            value = values[system]
+            about = {"reference": OWN, "classifier": system, "note": "\n".join(value["note"])}
+            rows.append(printed | value | about)
     return pd.DataFrame(rows)
 
 
-def _by(results: Sequence[Result], *more: str) -> dict[tuple, list[Result]]:
-    """Results by what published numbers are on, and by more."""
-    found: dict[tuple, list[Result]] = {}
-    for r in results:
-        found.setdefault(
-            tuple(r[name] for name in (*(k.removesuffix("_key") for k in SAME[:-1]), *more)), []
-        ).append(r)
-    return found
+def _real_runs(results: Sequence[Result]) -> list[Result]:
+    """Runs on captures of people, the lowest seed first."""
+    runs = (r for r in results if r["synthetic"] != "true")
+    return sorted(runs, key=lambda r: seed_number(r["seed"]))
 
 
 def best_published(result: Result) -> tuple[str, str, float] | None:
-    """The best published number on whole captures on the data of a run under its protocol, behind source and system."""
-    table = published()
-    alike = (table[SAME[:-1]] == [result[k.removesuffix("_key")] for k in SAME[:-1]]).all(axis=1)
-    found = table[alike & table["unit_key"].isin(WHOLE)].dropna(subset="accuracy")
-    if result["synthetic"] == "true" or not len(found):
+    """Source, system and percent of the best published number on whole captures in the setting of a run."""
+    papers = [
+        paper
+        for paper in load_published().dropna(subset="accuracy").itertuples()
+        if setting_of_paper(paper) == setting_of_run(result) and paper.unit_key in WHOLE
+    ]
+    if result["synthetic"] == "true" or not papers:
         return None
-    best = found.loc[found["accuracy"].idxmax()]
-    return str(best["reference"]), str(best["classifier"]), float(best["accuracy"])
+    best = max(papers, key=lambda paper: paper.accuracy)
+    return str(best.reference), str(best.classifier), float(best.accuracy)
 
 
-def verdict(published: float, low: float, high: float) -> str:
+def interval_verdict(published: float, low: float, high: float) -> str:
     """The position of our interval beside a published number."""
     if np.isnan(published):
         return "no number published"
@@ -137,40 +123,32 @@ def verdict(published: float, low: float, high: float) -> str:
     return "above" if low > published else "below"
 
 
-def _nothing(paper: object, here: set[str], others: list[str]) -> Row:
-    """The verdict on a published number that nothing stands beside, and why that is so."""
-    if paper.data not in here:
+def _verdict_without_run(paper: Any, corpora: set[str], others: list[str]) -> Row:
+    """The verdict on a published number without a run of ours, and the reason."""
+    if paper.data not in corpora:
         return {"verdict": "data not here", "note": []}
+    notes = []
     if "other" in (paper.protocol_key, paper.unit_key):
-        return {
-            "verdict": "not run",
-            "note": ["Its protocol or unit is not published, so there is no comparison."],
-        }
-    return {
-        "verdict": "not run",
-        "note": [f"Run with other parameters: {', '.join(others)}."] if others else [],
-    }
+        notes.append("Its protocol or unit is not published, so there is no comparison.")
+    elif others:
+        notes.append(f"Run with other parameters: {', '.join(others)}.")
+    return {"verdict": "not run", "note": notes}
 
 
-def _value(run: Result, unit: str) -> tuple[str, float]:
-    """Prefix of the metric of a published unit, and our number in percent; NaN if the run has no such unit."""
-    _, prefix, metric = UNITS.get(unit, ("", "", ""))
+def _value_beside(run: Result, paper: Any) -> Row | None:
+    """Our number in a published unit with its interval over subjects, None if the run has no such unit."""
+    _, prefix, metric = UNITS.get(paper.unit_key, ("", "", ""))
     if prefix == "vote_" and not run.get("windows", 0) > 0:  # one decision a capture is its vote
         prefix = ""
-    return prefix, 100 * run.get(f"{prefix}{metric}", np.nan)
-
-
-def _measured(run: Result, paper: object) -> Row | None:
-    """Our number in a published unit with its interval over subjects, None if the run has no such unit."""
-    prefix, value = _value(run, paper.unit_key)
+    value = 100 * run.get(f"{prefix}{metric}", np.nan)
     if np.isnan(value):
         return None
-    if not run.complete:
-        why = [f"The run of seed {run['seed']} has only {run.folds.replace('/', ' of ')} folds."]
-        return {"verdict": "not run", "note": why}
-    low, high = _interval(run, prefix, UNITS[paper.unit_key][2])
+    if not run.is_complete:
+        note = f"The run of seed {run['seed']} has only {run.folds.replace('/', ' of ')} folds."
+        return {"verdict": "not run", "note": [note]}
+    low, high = _interval_in_unit(run, prefix, metric)
     subjects = int(run.get("subjects", 0))
-    notes = [f"{few.too_few(subjects)}."] * (subjects < few.INTERVAL)
+    notes = [f"{few.too_few_sentence(subjects)}."] * (subjects < few.FEWEST_FOR_INTERVAL)
     if run["official_split"] == "false":
         notes.append("Our split is random, not the official one.")
     return {
@@ -182,60 +160,58 @@ def _measured(run: Result, paper: object) -> Row | None:
         "difference": value - paper.accuracy,
         "seed": run["seed"],
         "run_id": run["run_id"],
-        "verdict": verdict(paper.accuracy, low, high),
+        "verdict": interval_verdict(paper.accuracy, low, high),
         "note": notes,
     }
 
 
-def _interval(run: Result, prefix: str, metric: str) -> tuple[float, float]:
+def _interval_in_unit(run: Result, prefix: str, metric: str) -> tuple[float, float]:
     """In percent; as tracked, or from the run's predictions. NaN for a single subject, or where they are gone."""
     if prefix + metric in ("accuracy", "pooled_accuracy"):
         return 100 * run.get(f"{metric}_low", np.nan), 100 * run.get(f"{metric}_high", np.nan)
     table = run.tables.get("predictions")
     if table is None:
         return np.nan, np.nan
-    vote = prefix == "vote_"
-    labelled = scores.windows(table) if prefix == "window_" else scores.captures(table, vote=vote)
+    if prefix == "window_":
+        labelled = scores.label_windows(table)
+    else:
+        labelled = scores.label_captures(table, vote=prefix == "vote_")
     if metric == "pooled_accuracy":
-        low, high = scores.subject_interval(labelled)
+        low, high = scores.pooled_accuracy_interval(labelled)
     else:
         low, high = macro_interval(labelled, scores.classes_of(table), metric)
     return 100 * low, 100 * high
 
 
 def published_section(beside: pd.DataFrame) -> dict[str, object]:
-    """Every published number beside ours; those on corpora that nothing is tracked on are a closed table."""
+    """Every published number beside ours; those on corpora without runs are a closed table."""
     table = beside.rename(columns={"low": "ours_low", "high": "ours_high"})
-    words = [
-        UNITS[key][0] if key in UNITS else unit
-        for key, unit in zip(table["unit_key"], table["unit"], strict=True)
-    ]
-    table = table.assign(words=words, away=table["verdict"] == "data not here")
+    words = {key: unit for key, (unit, *_) in UNITS.items()}
+    words_of_unit = table["unit_key"].map(words).fillna(table["unit"])
+    table = table.assign(words=words_of_unit, away=table["verdict"] == "data not here")
     table["place"] = table.groupby(["away", *SHARED], sort=False, dropna=False).ngroup()
-    rows = rows_of(table.sort_values(["data", "place"], kind="stable"))
-    elsewhere = sorted({NAMES.get(row["data"], row["data"]) for row in rows if row["away"]})
-    have = "have" if len(elsewhere) > 1 else "has"
+    rows = rows_of_frame(table.sort_values(["data", "place"], kind="stable"))
+    here, away = ([row for row in rows if row["away"] == is_away] for is_away in (False, True))
+    corpora = sorted({NAMES.get(row["data"], row["data"]) for row in away})
+    verb = "have" if len(corpora) > 1 else "has"
+    is_own = beside["reference"] == OWN
     return {
-        "here": _shown([row for row in rows if not row["away"]]),
-        "away": _shown([row for row in rows if row["away"]]),
-        "elsewhere": f"published numbers on {listed(elsewhere)}, which {have} no runs here"
-        if elsewhere
-        else "",
-        "counts": beside.loc[beside["ours"].notna() & (beside["reference"] != MINE), "verdict"]
-        .value_counts()
-        .to_dict(),
-        "yours": bool((beside["reference"] == MINE).any()),
-        "few": int((beside["subjects"] < few.INTERVAL).sum()),
-        "haart": any(row["data"] == "haart" and not row["away"] for row in rows),
+        "here": _published_table(here),
+        "away": _published_table(away),
+        "elsewhere": f"published numbers on {join_names(corpora)}, which {verb} no runs here",
+        "counts": beside.loc[beside["ours"].notna() & ~is_own, "verdict"].value_counts().to_dict(),
+        "yours": bool(is_own.any()),
+        "few": int((beside["subjects"] < few.FEWEST_FOR_INTERVAL).sum()),
+        "haart": any(row["data"] == "haart" for row in here),
     }
 
 
-def _shown(rows: Sequence[Row]) -> Table:
+def _published_table(rows: Sequence[Row]) -> Table:
     remarks = [row["note"].split("\n") if row["note"] else [] for row in rows]
-    return Table(COLUMNS, rows, remarks=remarks, groups=[_on(row) for row in rows])
+    return Table(COLUMNS, rows, remarks=remarks, groups=[_setting_words(row) for row in rows])
 
 
-def _on(row: Row) -> str:
+def _setting_words(row: Row) -> str:
     """Data, subset, protocol and unit of a published number, in words."""
     words = [
         f"{name} not published" if row[name] == "unknown" else row[name]
@@ -245,25 +221,26 @@ def _on(row: Row) -> str:
     return f"{NAMES.get(row['data'], row['data'])}: {'; '.join([*words, unit])}"
 
 
-def _verdict(row: Row) -> str:
-    lacking = row["subjects"] < few.INTERVAL  # False where ours is missing
-    return few.too_few(int(row["subjects"])) if lacking else row["verdict"]
+def _verdict_words(row: Row) -> str:
+    too_few = row["subjects"] < few.FEWEST_FOR_INTERVAL  # False where ours is missing
+    return few.too_few_sentence(int(row["subjects"])) if too_few else row["verdict"]
 
 
-def _features(row: Row) -> str | None:
-    """Features of a paper, and how many numbers they are."""
-    words = known(row["features"]) or NONE
-    return words if known(row["n_features"]) is None else f"{words} ({row['n_features']:.0f})"
+def _feature_words(row: Row) -> str:
+    """Features of a paper, and their number."""
+    words = value_or_none(row["features"]) or UNKNOWN
+    number = value_or_none(row["n_features"])
+    return words if number is None else f"{words} ({number:.0f})"
 
 
 COLUMNS = (
-    text("system", read=lambda row: f"{row['reference']}: {row['classifier']}"),
+    text_measure("system", source=lambda row: f"{row['reference']}: {row['classifier']}"),
     Measure("published", "published % ± SD", ("published", "published_sd"), "g", join=" ± "),
     Measure("ours", "ours % [95 %]", ends="ours"),
-    text("verdict", read=_verdict),
+    text_measure("verdict", source=_verdict_words),
     Measure("difference", form="+.1f"),
     Measure("subjects", form=".0f"),
-    text("seed", read=lambda row: row["seed"] or None),
-    text("features", read=_features),
+    text_measure("seed", source=lambda row: row["seed"] or None),
+    text_measure("features", source=_feature_words),
     Measure("table4", "CNN85's Table 4", ("table4", "table4_sd"), "g", join=" ± "),
 )

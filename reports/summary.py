@@ -11,64 +11,80 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from bench.corpora.fault_names import FAULT_NAMES
 from bench.errors import InputError
-from bench.ground.registry import circumstance_views, names
-from bench.ground.words import typed
+from bench.ground.registry import registered_parts, views_of_circumstances
+from bench.ground.typed import format_command
 from bench.reading import statistics
-from bench.reading.candidates import PLAIN, Candidates, candidates
-from bench.reading.choice import Choice, decide, expectation, expected, named, reasons
-from bench.reading.frame import by_subject
-from bench.reading.scene import EVERY
+from bench.reading.candidates import find_candidates
+from bench.reading.choice import Choice, candidate_name, choose_candidate
+from bench.reading.frame import accuracy_by_subject
 from bench.reports.figures import Picture
 from bench.values import few
-from bench.values.candidate import Losses, Wish
-from bench.values.intervals import interval
-from bench.values.measures import Measure, costs, costs_of, known, p_value, text, three
-from bench.values.result import COMPARABLE, MIXED, Result, notes_on
-from bench.values.scores import captures
-from bench.values.sentences import sentences
-from bench.values.table import Table, rows_of
+from bench.values.intervals import mean_interval
+from bench.values.measures import (
+    Measure,
+    all_costs,
+    costs_of_run_kind,
+    format_p_value,
+    format_three_digits,
+    text_measure,
+    value_or_none,
+)
+from bench.values.result import COMPARISON_TAGS, MIXED_NOTE, Result, footnotes_of_system
+from bench.values.scores import label_captures
+from bench.values.sentences import render_sentences
+from bench.values.table import Table, rows_of_frame
 
 GROUPS = 3  # groups that get a verdict, statistics and figures
-BY = "flash"  # the cost that is to be low, unless bench choose is told another
+BY = "flash"  # the cost to minimise, as bench choose does by default
 COSTS = 3  # of the answer and of the table; the chart has all
-FIRST = (
-    "\N{ALMOST EQUAL TO}"  # behind the place of a system that the test cannot tell from the first
-)
+# Behind the rank of a system that the test cannot separate from the first.
+INSEPARABLE = "\N{ALMOST EQUAL TO}"
 SENTENCES = 2  # of the answer; the others are closed
-STATISTICS = (  # columns of `bench.reading.statistics.against_best`
-    text("system"),
+STATISTICS = (  # columns of `bench.reading.statistics.compare_with_base`
+    text_measure("system"),
     Measure("accuracy", "mean over subjects %"),
     Measure("difference", form="+.1f", ends="difference"),
-    Measure("p", "p Wilcoxon", form=p_value),
-    Measure("p_holm", "p Holm", form=p_value),
+    Measure("p", "p Wilcoxon", form=format_p_value),
+    Measure("p_holm", "p Holm", form=format_p_value),
     Measure("seeds", form=".0f", spare=1),
 )
 
 
 @dataclass
 class Summary:
-    """A group of comparable runs in the report; the page fills in ``label`` and what follows it."""
+    """A group of comparable runs in the report.
 
-    name: str  # captures and protocol in words
+    Attributes:
+        name: captures and protocol in words.
+        results: its runs.
+        subjects: accuracy in percent [systems, subjects], best first; empty without complete runs.
+        rows: statistics of each system against the compared one.
+        against: system to compare with; empty for the best one.
+        lines: the verdict, its reasons, and all other sentences on the choice.
+        command: ``bench choose`` with the same verdict; may be empty.
+        choice: None if nothing can be chosen.
+        label: label of its tab.
+        key: the same in an address.
+        page_data: numbers for the script of the page (`bench.reports.live`).
+        charts: for each cost its name (``label``) and ``picture``.
+        pictures: figures by kind.
+    """
+
+    name: str
     results: Sequence[Result]
-    subjects: (
-        pd.DataFrame
-    )  # accuracy in percent [systems, subjects], best first; empty without complete runs
-    rows: pd.DataFrame  # statistics of each system against the compared one
-    against: str = ""  # the system to compare with, if that was asked for
-    lines: Sequence[str] = ()  # the verdict, its reasons, and all else that is known of the choice
-    command: str = ""  # that gives the same verdict
-    choice: Choice | None = None  # None if nothing can be chosen
-    among: Candidates | None = None
-    budgets: Mapping[str, float] = field(default_factory=dict)
-    label: str = ""  # of the group's tab
-    key: str = ""  # of the same in an address
-    live: str = ""  # what the script of the page needs (`bench.reports.live`)
-    charts: list[dict[str, Any]] = field(
-        default_factory=list
-    )  # ``label``, the name of a cost, and ``picture``
-    pictures: Mapping[str, Picture] = field(default_factory=dict)  # by kind
+    subjects: pd.DataFrame
+    rows: pd.DataFrame
+    against: str = ""
+    lines: Sequence[str] = ()
+    command: str = ""
+    choice: Choice | None = None
+    label: str = ""
+    key: str = ""
+    page_data: str = ""
+    charts: list[dict[str, Any]] = field(default_factory=list)
+    pictures: Mapping[str, Picture] = field(default_factory=dict)
 
     @property
     def data(self) -> str:
@@ -76,9 +92,9 @@ class Summary:
         return str(self.results[0]["data"])
 
     @property
-    def mixed(self) -> bool:
+    def mixes_subjects(self) -> bool:
         """True if a fold has captures of one subject on both sides."""
-        return any(r.mixed for r in self.results)
+        return any(r.mixes_subjects for r in self.results)
 
     @property
     def arguments(self) -> str:
@@ -90,308 +106,302 @@ class Summary:
     @property
     def about(self) -> str:
         """Whether the tested people are new."""
-        return "tests people of the training set" if self.mixed else "tests new people"
+        return "tests people of the training set" if self.mixes_subjects else "tests new people"
 
     @property
     def base(self) -> str:
         """The system that the others are compared with."""
-        return statistics.base_of(self.subjects, self.against)
+        return statistics.base_system(self.subjects, self.against)
 
     @property
     def few(self) -> bool:
         """True if there are too few subjects for a p value."""
-        return self.subjects.shape[1] < few.TEST
+        return self.subjects.shape[1] < few.FEWEST_FOR_TEST
 
     @cached_property
     def pairs(self) -> pd.DataFrame:
         """Tests of all pairs of the most accurate systems."""
-        kept = (
-            statistics.kept_of(self.subjects, self.against) if len(self.subjects) else self.subjects
-        )
-        return statistics.pairs(kept.iloc[: statistics.PAIRED])
+        compared = self.subjects
+        if len(compared):
+            compared = statistics.compared_systems(compared, self.against)
+        return statistics.paired_tests(compared.iloc[: statistics.PAIRED])
 
     @property
     def limits(self) -> list[str]:
         """Limits of the conclusions, in sentences."""
-        folds = next(int(r["folds"]) for r in self.results if r.complete and r.alone)
-        selected = self.against not in {*self.rows["system"]}
-        return statistics.warnings(
-            self.subjects.shape[1], len(self.rows), folds, self.mixed, selected
+        folds = next(int(r["folds"]) for r in self.results if r.is_complete and r.predicts_alone)
+        best_is_base = self.against not in {*self.rows["system"]}
+        return statistics.limits_of_conclusions(
+            self.subjects.shape[1], len(self.rows), folds, self.mixes_subjects, best_is_base
         )
 
     @property
-    def compared(self) -> Table | None:
-        """Every system against the best one, or another one."""
+    def statistics_table(self) -> Table | None:
+        """Every system against the best one, or another one; None without complete runs."""
         if not len(self.rows):
             return None
         rows = self.rows.rename(columns={"low": "difference_low", "high": "difference_high"})
-        return Table(
-            STATISTICS,
-            rows_of(rows),
-            remarks=[notes_on(system, self.data) for system in rows["system"]],
-        )
+        footnotes = [footnotes_of_system(system, self.data) for system in rows["system"]]
+        return Table(STATISTICS, rows_of_frame(rows), remarks=footnotes)
 
     @cached_property
     def costs(self) -> list[str]:
-        """Costs that are known of a candidate, or have a budget; a tenth of ten people is the worst person."""
+        """Costs that some candidate has, or that have a budget."""
         if self.choice is None:
             return []
-        table, shared = self.choice.table, costs_of("")
-        seen = {
-            name
-            for name in shared
-            if (table[name].notna() if shared[name].linear else table[name] > 0).any()
-        }
-        if table["worst_tenth"].equals(table["worst_person"]):
-            seen -= {"worst_tenth"}
-        return [name for name in shared if name in seen | {*self.budgets}]
+        table, costs, known = self.choice.table, costs_of_run_kind(""), {*self.choice.budgets}
+        for name, cost in costs.items():
+            if (table[name].notna() if cost.is_linear else table[name] > 0).any():
+                known.add(name)
+        if table["worst_tenth"].equals(table["worst_person"]):  # of ten people or fewer
+            known -= {"worst_tenth"} - {*self.choice.budgets}
+        return [name for name in costs if name in known]
 
     @property
-    def leading(self) -> list[str]:
-        """The costs that the answer and the table have: those with a budget, then the first ones."""
-        return sorted(self.costs, key=lambda name: name not in self.budgets)[:COSTS]
+    def leading_costs(self) -> list[str]:
+        """The costs of the answer and of the table: those with a budget, then the first ones."""
+        budgets = self.choice.budgets if self.choice is not None else ()
+        return sorted(self.costs, key=lambda name: name not in budgets)[:COSTS]
 
     @property
     def chosen(self) -> dict[str, str]:
         """The chosen system: ``name``, ``accuracy``, ``interval`` and ``costs``; empty if none is."""
-        if self.choice is None or self.choice.chosen is None or self.among is None:
+        if self.choice is None or self.choice.chosen is None:
             return {}
-        row, people = (t.loc[self.choice.chosen] for t in (self.choice.table, self.among.subjects))
-        low, high = np.clip(interval(people.to_numpy(float)), 0, 100)
-        n, amounts = len(people), {costs()[name]: row[name] for name in self.leading}
+        row = self.choice.table.loc[self.choice.chosen]
+        people = self.choice.candidates.subjects.loc[self.choice.chosen].to_numpy(float)
+        low, high = np.clip(mean_interval(people), 0, 100)
+        interval = f"95 % CI {low:.1f} to {high:.1f}, {len(people)} subjects"
+        costs = []
+        for name in self.leading_costs:
+            if value_or_none(row[name]) is not None:
+                cost = all_costs()[name]
+                costs.append(f"{cost.format_amount(row[name])} {cost.phrase}")
         return {
-            "name": named(row),
+            "name": candidate_name(row),
             "accuracy": f"{row['accuracy']:.1f} %",
-            "interval": few.too_few(n)
-            if np.isnan(low)
-            else f"95 % CI {low:.1f} to {high:.1f}, {n} subjects",
-            "costs": ", ".join(
-                f"{cost.amount(a)} {cost.words}"
-                for cost, a in amounts.items()
-                if known(a) is not None
-            ),
+            "interval": few.too_few_sentence(len(people)) if np.isnan(low) else interval,
+            "costs": ", ".join(costs),
         }
 
     @property
     def sentences(self) -> list[str]:
         """The reason of the choice."""
         lines = [*self.lines[1 : 1 + SENTENCES]]
-        return [*lines, MIXED] if MIXED in self.lines and MIXED not in lines else lines
+        mixed = MIXED_NOTE in self.lines and MIXED_NOTE not in lines
+        return lines + [MIXED_NOTE] * mixed
 
     @property
     def more(self) -> list[str]:
-        """All that is known of the choice besides."""
+        """All other sentences on the choice."""
         return [line for line in self.lines[1:] if line not in self.sentences]
 
     @cached_property
     def table(self) -> Table | None:
         """The systems on whole captures, and the chosen candidate, most accurate first; None without candidates.
 
-        ``rank`` has the places that a system may have by the test, ``difference`` is the accuracy less that of the
+        ``rank`` has the places that a system may have by the test, ``difference`` is the accuracy minus that of the
         compared system, in points, and ``test`` is p Holm, n.s., or the reason why there is none.
         """
-        if self.choice is None or self.among is None or not len(self.subjects):
+        if self.choice is None or not len(self.subjects):
             return None
         table, chosen = self.choice.table, self.choice.chosen
         table = table[(table["unit"] == "capture") | (table.index == chosen)]
-        table = table.sort_values("accuracy", ascending=False, kind="stable")
         if not len(table):
             return None
-        people, least = (
-            self.among.subjects.loc[table.index].to_numpy(float),
-            self.subjects.loc[self.base].mean(),
-        )
-        places = statistics.ranks(statistics.kept_of(self.subjects, self.against))
-        ranks = {
-            r.Index: f"{r.best}-{r.worst}".removesuffix(f"-{r.best}") for r in places.itertuples()
-        }
-        alike = [*places.index[places["best"] == 1]]
+        table = table.sort_values("accuracy", ascending=False, kind="stable")
+        people = self.choice.candidates.subjects.loc[table.index].to_numpy(float)
+        base_accuracy, ranks = self.subjects.loc[self.base].mean(), self._rank_words()
         rows = []
-        for i, row, scores in zip(table.index, rows_of(table), people, strict=True):
-            low, high = np.clip(interval(scores), 0, 100)
-            plain = row["unit"] == "capture" and not row["mark"]
+        for i, row, scores in zip(table.index, rows_of_frame(table), people, strict=True):
+            system, name = row["system"], candidate_name(row)
+            tested = row["unit"] == "capture" and not row["mark"]
+            low, high = np.clip(mean_interval(scores), 0, 100)
+            is_base = tested and system == self.base
             row |= {
                 "id": i,
-                "name": named(row),
+                "name": name,
                 "accuracy_low": low,
                 "accuracy_high": high,
-                "plain": plain,
+                "tested": tested,
+                "shown": name + " (chosen)" * (i == chosen),
+                "rank": ranks.get(system, "not tested") if tested else "not tested",
+                "difference": np.nan if is_base else row["accuracy"] - base_accuracy,
+                "test": self._test_words(system) if tested else "not tested",
             }
-            row["shown"] = row["name"] + " (chosen)" * (i == chosen)
-            row["rank"] = ranks.get(row["system"], "not tested") if plain else "not tested"
-            row["rank"] += f" {FIRST}" * (plain and row["system"] in alike and len(alike) > 1)
-            row["difference"] = (
-                np.nan if plain and row["system"] == self.base else row["accuracy"] - least
-            )
-            rows.append(row | {"test": self._test(row["system"]) if plain else "not tested"})
-        measures = [
-            text("system", read="shown"),
-            text("rank"),
+            rows.append(row)
+        columns = [
+            text_measure("system", source="shown"),
+            text_measure("rank"),
             Measure("accuracy", "accuracy % [95 %]", ends="accuracy"),
             Measure("difference", form="+.1f"),
-            text("test"),
-            *(self.column(name) for name in self.leading),
+            text_measure("test"),
+            *map(cost_column, self.leading_costs),
         ]
         bold = np.flatnonzero(table.index == chosen).tolist()
-        remarks = [notes_on(str(row["system"]), self.data) for row in rows]
-        return Table(measures, rows, bold=bold, remarks=remarks)
+        footnotes = [footnotes_of_system(str(row["system"]), self.data) for row in rows]
+        return Table(columns, rows, bold=bold, remarks=footnotes)
 
-    def column(self, name: str) -> Measure:
-        """The column of a cost."""
-        return Measure(
-            name,
-            costs()[name].heading or f"{costs()[name].title} {costs()[name].unit}".strip(),
-            form=three,
-        )
+    def _rank_words(self) -> dict[str, str]:
+        """The places of each tested system, marked if the test cannot separate it from the first."""
+        places = statistics.rank_ranges(statistics.compared_systems(self.subjects, self.against))
+        several_first = bool((places["best"] == 1).sum() > 1)
+        words = {}
+        for row in places.itertuples():
+            place = f"{row.best}" if row.best == row.worst else f"{row.best}-{row.worst}"
+            words[row.Index] = place + f" {INSEPARABLE}" * (several_first and row.best == 1)
+        return words
 
-    def _test(self, system: str) -> str:
+    def _test_words(self, system: str) -> str:
         """Corrected p of a system against the compared one, n.s., or the reason why there is none."""
         if system == self.base:
             return "reference"
         if self.few:
             return "too few subjects"
-        p = known(dict(zip(self.rows["system"], self.rows["p_holm"], strict=True)).get(system))
-        return "not tested" if p is None else "n.s." if p >= 0.05 else p_value(p)
+        p_values = dict(zip(self.rows["system"], self.rows["p_holm"], strict=True))
+        p = value_or_none(p_values.get(system))
+        if p is None:
+            return "not tested"
+        return "n.s." if p >= 0.05 else format_p_value(p)
 
     @property
     def people(self) -> str:
         """A sentence on the spread of the best system over several people."""
         if not len(self.subjects) or self.subjects.shape[1] < 2:
             return ""
-        return sentences(
-            "bench.reports", "sentences", "people", name=self.name, best=self.subjects.iloc[0]
-        )[0]
+        best = self.subjects.iloc[0]
+        values = {"name": self.name, "best": best}
+        return render_sentences("bench.reports", "sentences", "people", **values)[0]
 
 
-def family(model: str) -> str:
+def cost_column(name: str) -> Measure:
+    """The column of a cost."""
+    cost = all_costs()[name]
+    heading = cost.heading or f"{cost.title} {cost.unit}".strip()
+    return Measure(name, heading, form=format_three_digits)
+
+
+def model_family(model: str) -> str:
     """``networks``, ``features`` (classifiers on features), or ``own`` for a model that is none of ours."""
-    place = names("models").get(model, "")
-    return (
-        "own"
-        if not place.startswith("bench.models.")
-        else "networks"
-        if ".nets." in place
-        else "features"
-    )
+    place = registered_parts("models").get(model, "")
+    if not place.startswith("bench.models."):
+        return "own"
+    return "networks" if ".nets." in place else "features"
 
 
-def largest_groups(
+def split_largest_groups(
     groups: Mapping[str, Sequence[Result]],
 ) -> tuple[dict[str, Sequence[Result]], list[str]]:
     """Results by group, and the names of groups beyond `GROUPS`.
 
-    People stand before generated captures, protocols that say something of new persons before those that mix subjects,
-    then the groups with most subjects, then those with most systems.
+    People precede generated captures, protocols with new persons those that mix subjects; then come the groups with
+    most subjects, then those with most systems.
     """
 
-    def order(name: str) -> tuple:
+    def precedence(name: str) -> tuple:
         results = groups[name]
-        mixed = any(r.mixed for r in results)
+        mixed = any(r.mixes_subjects for r in results)
         synthetic = max(r["synthetic"] for r in results)
         subjects = max(r.get("subjects", 0) for r in results)
         return synthetic, mixed, -subjects, -len({r.system for r in results}), name
 
-    ordered = sorted(groups, key=order)
+    ordered = sorted(groups, key=precedence)
     return {name: groups[name] for name in ordered[:GROUPS]}, ordered[GROUPS:]
 
 
-def labels(groups: Mapping[str, Sequence[Result]]) -> list[str]:
+def tab_labels(groups: Mapping[str, Sequence[Result]]) -> list[str]:
     """The names of tabs: protocols, if these tell the groups apart; else the groups."""
-    protocols = [results[0].context[2] for results in groups.values()]
-    alike = len({results[0].context[:2] for results in groups.values()}) == 1 and len(
-        {*protocols}
-    ) == len(protocols)
-    return protocols if alike else [*groups]
+    contexts = [results[0].context for results in groups.values()]
+    captures, protocols = {context[:2] for context in contexts}, [each[2] for each in contexts]
+    unique = len({*protocols}) == len(protocols)
+    return protocols if len(captures) == 1 and unique else [*groups]
 
 
-def summary_of(
+def summarise_group(
     name: str,
     results: Sequence[Result],
-    every: Sequence[Result],
+    all_results: Sequence[Result],
     budgets: Mapping[str, float],
     against: str = "",
 ) -> Summary:
-    """Tests and choice of a group; figures are not drawn yet."""
-    subjects, rows = tested(results, against)
-    first = results[0]
-    lossy = [c for c in circumstance_views() if any(cost.losses for cost in c.costs)]
-    lost = any(c.holds(r) for r in every for c in lossy) or any(
-        costs()[cost].losses for cost in budgets
-    )
-    asked = {key: [first[key]] for key in COMPARABLE}
+    """Tests and choice of a group, without figures."""
+    first, (subjects, rows) = results[0], compare_systems(results, against)
+    summary = Summary(name, results, subjects, rows, against)
+    lossy = [v for v in views_of_circumstances() if any(cost.is_fault_loss for cost in v.costs)]
+    with_losses = any(all_costs()[cost].is_fault_loss for cost in budgets)
+    with_losses = with_losses or any(v.applies_to(r) for r in all_results for v in lossy)
     try:
-        wish = Wish(PLAIN, budgets.get("decision"))
-        among = candidates(every, asked, wish, losses=Losses(EVERY) if lost else None)
+        candidates = find_candidates(
+            all_results,
+            {key: [first[key]] for key in COMPARISON_TAGS},
+            latest_ms=budgets.get("decision"),
+            faults=FAULT_NAMES if with_losses else (),
+        )
     except InputError as e:
-        return Summary(
-            name, results, subjects, rows, against, [f"Nothing can be chosen here: {e}."]
-        )
-    choice = decide(among.table, among.subjects, BY, dict(budgets), None)
-    others = expected(among, choice.chosen, BY, budgets, None)
-    lines = reasons(choice, BY, None, among.subjects.shape[1], among.mixed)
-    lines += [*expectation(others, among, choice.chosen), *among.notes]
-    systems = among.table["system"].unique()
-    lines += dict.fromkeys(
-        note for system in systems for note in notes_on(str(system), str(first["data"]))
-    )
+        summary.lines = [f"Nothing can be chosen here: {e}."]
+        return summary
+    summary.choice = choice = choose_candidate(candidates, BY, dict(budgets))
+    lines = [*choice.reasons(), *choice.expectation(), *candidates.notes]
+    systems = candidates.table["system"].unique()
     if len(systems) == 1:
-        lines.insert(
-            1, f"Only {systems[0]} has a run here, so there is no other system to compare."
-        )
-    words = _command(among.table, first, every)
-    limits = [costs()[cost].argument(value) for cost, value in budgets.items()]
-    command = " ".join([words, *limits]) if words else ""
-    return Summary(name, results, subjects, rows, against, lines, command, choice, among, budgets)
+        alone = f"Only {systems[0]} has a run here, so there is no other system to compare."
+        lines.insert(1, alone)
+    notes = [note for system in systems for note in footnotes_of_system(system, first["data"])]
+    summary.lines = [*lines, *dict.fromkeys(notes)]
+    if command := _choose_command(candidates.table, first, all_results):
+        limits = [all_costs()[cost].format_budget(value) for cost, value in budgets.items()]
+        summary.command = " ".join([command, *limits])
+    return summary
 
 
-def _command(table: pd.DataFrame, first: Result, results: Sequence[Result]) -> str:
+def _choose_command(table: pd.DataFrame, first: Result, results: Sequence[Result]) -> str:
     """The command that chooses among the candidates of a group; empty where its words mean other runs, too."""
     # Of the first candidate whose run was typed; those made from Python with objects have none.
     arguments = next((json.loads(text) for text in table["arguments"] if text), {})
-    protocol = {k: v for k, v in arguments.items() if k.split(".")[0] == "protocol"}
-    named_by = ["data", "subset", "target", "protocol_name", *(k for k in protocol if "." in k)]
-    same = [r for r in results if all(r.get(name) == first.get(name) for name in named_by)]
-    if (
-        not arguments
-        or len({tuple(str(r.get(name)) for name in (*COMPARABLE, "protocol")) for r in same}) > 1
-    ):
+    if not arguments:
         return ""
-    target = {"target": first["target"]} if first["target"] != "gesture" else {}
-    return typed(
-        "choose", {"data": arguments["data"], "where": first["subset"]} | target | protocol
-    )
+    protocol = {k: v for k, v in arguments.items() if k.split(".")[0] == "protocol"}
+    names = ["data", "subset", "target", "protocol_name", *(k for k in protocol if "." in k)]
+    selected = [r for r in results if all(r.get(name) == first.get(name) for name in names)]
+    tags = (*COMPARISON_TAGS, "protocol")
+    if len({tuple(str(r.get(name)) for name in tags) for r in selected}) > 1:
+        return ""
+    words = {"data": arguments["data"], "where": first["subset"]}
+    words |= {"target": first["target"]} if first["target"] != "gesture" else {}
+    return format_command("choose", words | protocol)
 
 
-def tested(results: Sequence[Result], against: str = "") -> tuple[pd.DataFrame, pd.DataFrame]:
+def compare_systems(
+    results: Sequence[Result], against: str = ""
+) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Accuracy in percent [systems, subjects], best first, and the statistics of each system against the compared one.
 
     Both are empty without a complete run.
     """
-    results = [r for r in results if r.alone]
-    subjects, seeds = by_subject(results)
+    results = [r for r in results if r.predicts_alone]
+    subjects, seeds = accuracy_by_subject(results)
     if not len(subjects):
         return subjects, pd.DataFrame()
-    kept = statistics.kept_of(subjects, against)
-    complete = [r for r in results if r.complete and r.system in kept.index]
-    shared, by_fold = next(r for r in results if r.complete)["test_over_train"], None
-    ratio = float(shared) if shared else None  # None where folds share no training captures
-    if ratio is not None and set(fold_accuracy(complete[0])) != set(
-        kept.columns
-    ):  # folds that are not subjects
-        table = pd.DataFrame(
-            [fold_accuracy(r) for r in complete], index=[r.system for r in complete]
-        )
-        by_fold = table.groupby(level=0).mean().reindex(kept.index)
-    rows = statistics.against_best(kept, by_fold, ratio, against)
+    compared = statistics.compared_systems(subjects, against)
+    complete = [r for r in results if r.is_complete and r.system in compared.index]
+    stored_ratio = next(r for r in results if r.is_complete)["test_over_train"]
+    ratio = (
+        float(stored_ratio) if stored_ratio else None
+    )  # None if folds share no training captures
+    by_fold = None
+    if ratio is not None and {*accuracy_by_fold(complete[0])} != {*compared.columns}:
+        folds = pd.DataFrame(map(accuracy_by_fold, complete), index=[r.system for r in complete])
+        by_fold = folds.groupby(level=0).mean().reindex(compared.index)
+    rows = statistics.compare_with_base(compared, by_fold, ratio, against)
     rows = rows.assign(seeds=rows["system"].map(seeds))
-    if len(kept) > 2 and subjects.shape[1] > 1:
-        ranks, p = statistics.friedman(kept)
+    if len(compared) > 2 and subjects.shape[1] > 1:
+        ranks, p = statistics.friedman(compared)
         rows = rows.assign(mean_rank=rows["system"].map(ranks), friedman_p=p)
     return subjects, rows
 
 
-def fold_accuracy(result: Result) -> dict[str, float]:
+def accuracy_by_fold(result: Result) -> dict[str, float]:
     """Accuracy of the captures of each fold, in percent."""
-    labelled = captures(result.tables["predictions"])
-    hit = labelled["true"] == labelled["predicted"]
-    return (100 * hit.groupby(labelled["fold"], sort=False).mean()).to_dict()
+    labelled = label_captures(result.tables["predictions"])
+    correct = labelled["true"] == labelled["predicted"]
+    return (100 * correct.groupby(labelled["fold"], sort=False).mean()).to_dict()

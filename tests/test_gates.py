@@ -11,9 +11,9 @@ import pytest
 
 import bench
 from bench.cli import main
-from bench.grammar.described import help_of, overview
+from bench.grammar.help import command_help, help_overview
 from bench.ground import registry
-from bench.reading.runs import every_result
+from bench.reading.runs import load_results
 from tests.conftest import SMALL, runs
 
 
@@ -47,15 +47,15 @@ def test_a_new_circumstance_is_one_file_and_appears_everywhere(plug, monkeypatch
     plug(POINTS.replace("lost = example:LOST\n", ""), EXAMPLE, "example")
     monkeypatch.setattr("bench.commands.printing.WIDTH", 250)
     assert (
-        "each=" in help_of("run")
-        and "max_each_loss=" in help_of("choose")
-        and "max_each_loss=" in help_of("report")
+        "each=" in command_help("run")
+        and "max_each_loss=" in command_help("choose")
+        and "max_each_loss=" in command_help("report")
     )
     code, printed = done(["run", *SMALL, "model=tree,usual", "features=jung28", "each=2,1"])
     assert code == 0 and "Accuracy in percent by training captures of each class" in printed
     (store, stored_runs) = runs("cell")
     for run in stored_runs:
-        labels = every_result(store)[0].tables["labels"]
+        labels = load_results(store)[0].tables["labels"]
         assert {*labels["circumstance"]} == {"", "each"} and {*labels["level"]} == {0, 1, 2}
         number = f"{100 * run.data.metrics['accuracy.each.1']:.1f}"
         row = [
@@ -71,7 +71,7 @@ def test_a_new_circumstance_is_one_file_and_appears_everywhere(plug, monkeypatch
             and number in row
         )
     assert done(["run", *SMALL, "model=tree", "features=jung28", "each=0"])[0] == 2
-    table = bench.choose(data="synth").choice.table
+    table = bench.choose(data="synth").table
     assert {"1 captures of each class", "2 captures of each class", "capture"} == {*table["unit"]}
     printed = done(["choose", "max_each_loss=0", "why=yes"])[1]
     assert "loss to few captures" in printed and done(["choose", "max_each_loss=100"])[0] == 0
@@ -96,13 +96,12 @@ NAMED = {  # file: keys that it may have, with the reason
     "bench/grammar/options.py": {"under", "after"},  # commands and examples as a user types them
     "bench/commands/run.py": {"under"},  # bench stress is bench run with it
     "reports/layout.py": {"form"},  # of the output
-    "reports/views/subjects.py": {"stress"},
 }
 
 
 def test_no_other_file_names_a_circumstance_or_a_study():
     root = Path(registry.__file__).parents[2]
-    every = [*registry.loaded("circumstances").values()]
+    every = [*registry.load_parts("circumstances").values()]
     keys = {one.key for one in every} - {"train_subjects"}  # a column of every table of labels
     modules = {
         place.partition(":")[0] for one in every for place in (f"{one.__module__}:", one.view)
@@ -133,12 +132,12 @@ def test_a_package_adds_a_command_and_a_key_of_others(plug):
     plug(POINTS, EXAMPLE, "example")
     assert done(["count", "data=anna"]) == (0, "4 letters\n") and done(["count", "seed=1"])[0] == 2
     assert (
-        "data=" in help_of("count")
-        and "least letters; default 1" in help_of("count")
-        and "count" in overview()
+        "data=" in command_help("count")
+        and "least letters; default 1" in command_help("count")
+        and "count" in help_overview()
     )
-    assert "loud= " in help_of("fit") and "loud= " not in help_of("run")
-    assert "lost" not in overview() and done(["lost"])[0] == 2
+    assert "loud= " in command_help("fit") and "loud= " not in command_help("run")
+    assert "lost" not in help_overview() and done(["lost"])[0] == 2
 
 
 def test_a_run_enters_no_other_kind_no_choice_and_no_report(tmp_path):

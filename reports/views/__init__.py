@@ -1,1 +1,1 @@
-"""What is shown of captures, circumstances and studies, a file each; `bench.ground.registry.views` finds them by name."""
+"""What is shown of captures, circumstances and studies, a file each; `bench.ground.registry.load_views` finds them by name."""

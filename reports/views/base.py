@@ -1,4 +1,4 @@
-"""What is shown of a circumstance, and of the runs of a study: tables, sections, files, candidates of a choice.
+"""The base of all views: tables, exhibits, files and candidates of a circumstance, or of the runs of a study.
 
 Nothing heavy is imported at the top of a view's file, so that help knows all costs. No key of a run depends on it.
 """
@@ -9,163 +9,158 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from bench.ground.words import LABELS
-from bench.values.measures import Cost, Measure, percent
-from bench.values.result import Result, shared
+from bench.values.measures import Cost, Measure, percent_measure
+from bench.values.result import LABELS_TABLE, Result, setting_phrases
 from bench.values.table import Table
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-    from bench.reports.contexts import Section
-    from bench.values.candidate import Candidate, Losses, Wish
+    from bench.reading.reactions import Reactions
+    from bench.reports.sections import Exhibit
+    from bench.values.candidate import Candidate
 
 
 class View:
-    """How results are shown, and chosen by.
+    """Shows the results of a circumstance or study, and finds the candidates in them.
 
     Args:
-        key: key of the circumstance or study; empty for captures.
+        key: key of the circumstance or study; ``run`` for captures.
         tracked: names of its options as parameters of a run; a run that has the first has the circumstance.
-        tag: tag of the runs of a study; empty for a circumstance.
+        tag: kind of the runs of captures or of a study; empty for a circumstance.
     """
 
-    heading: ClassVar[str] = ""  # of the table of results
-    shown: ClassVar[
-        tuple[Measure, ...]
-    ] = ()  # columns of that table, after system, data, subset and protocol
-    ranked: ClassVar[bool] = False  # the most accurate result of several is marked in it
-    searches: ClassVar[bool] = False  # what a search has chosen in each fold is printed
+    # Heading of the table of results, and its columns after system, data, subset and protocol.
+    heading: ClassVar[str] = ""
+    columns: ClassVar[tuple[Measure, ...]] = ()
+    marks_best: ClassVar[bool] = False  # True if the table marks the most accurate of several
     score: ClassVar[str] = "accuracy"  # number by which results are ranked
     costs: ClassVar[tuple[Cost, ...]] = ()  # further costs by which systems are chosen
     # Parameters that two results share if they may be compared: words with ``{}`` for the value, and the usual value,
     # which needs no words.
-    alike: ClassVar[Mapping[str, tuple[str, str]]] = {}
+    shared_parameters: ClassVar[Mapping[str, tuple[str, str]]] = {}
     noun: ClassVar[str] = ""  # for what its levels count, such as "captures of each class"
-    chooses: ClassVar[bool] = True  # its cases are candidates of a choice
-    apart: ClassVar[bool] = False  # runs of a study are chosen among alone
-    unit: ClassVar[str] = ""  # words for what is labelled
-    other: ClassVar[str] = ""  # words for runs that another value of `alike` keeps apart
-    meaning: ClassVar[str] = ""  # of the score, in a sentence
     section_heading: ClassVar[str] = ""  # of its section of the page; empty for ``heading``
-    line: ClassVar[str] = ""  # beside that heading
-    more: ClassVar[str] = (
-        ""  # begins names of numbers: of two runs of a system, the page has the one with more of them
-    )
-    intervals: ClassVar[bool] = True  # its figure or table on the page has intervals
+    section_summary: ClassVar[str] = ""  # line beside that heading
 
     def __init__(self, key: str, tracked: tuple[str, ...], tag: str = "") -> None:
         self.key, self.tracked, self.tag = key, tracked, tag
 
-    def holds(self, result: Result) -> bool:
-        """Whether a run is of the study, or has the circumstance in all folds."""
+    @property
+    def is_study(self) -> bool:
+        """True for the runs of a study, which are chosen among themselves."""
+        return self.tag == self.key
+
+    def applies_to(self, result: Result) -> bool:
+        """True if a run is of the study, or has the circumstance in all folds."""
         if self.tag:
             return result.kind == self.tag
-        return self.key not in result.failed and self.tracked[0] in result.about
+        return self.key not in result.failed_circumstances and self.tracked[0] in result.attributes
 
-    def shows(self, results: Sequence[Result]) -> Sequence[Measure]:
-        """Accuracy in each case, and the mean loss; its own columns alone where it counts nothing."""
+    def table_columns(self, results: Sequence[Result]) -> Sequence[Measure]:
+        """Accuracy in each case and the mean loss, then ``columns``; these alone without a noun."""
         if not self.noun:
-            return self.shown
+            return self.columns
         curves = [table for r in results if (table := r.tables.get(self.key)) is not None]
         cases = dict.fromkeys(case for table in curves for case in table["case"])
         levels = {
             case: {*(n for t in curves for n in t["level"][t["case"] == case])} for case in cases
         }
         columns = [
-            percent(f"{case}_at_{n:g}", self.words_of(case, n), f"accuracy.{case}.{n:g}", spare=1)
+            percent_measure(
+                f"{case}_at_{n:g}", self.case_words(case, n), f"accuracy.{case}.{n:g}", spare=1
+            )
             for case in cases
             for n in sorted(levels[case])
         ]
-        return [*columns, percent("loss", "mean loss", f"loss.{self.key}"), *self.shown]
+        return [*columns, percent_measure("loss", "mean loss", f"loss.{self.key}"), *self.columns]
 
-    def words_of(self, case: str, level: float) -> str:
+    def case_words(self, case: str, level: float) -> str:
         """A case in words: its name if it has one, and its level."""
         return f"{case}, " * (case != self.key) + f"{level:g} {self.noun or self.key}"
 
-    def title(self, results: Sequence[Result]) -> str:
+    def table_title(self, results: Sequence[Result]) -> str:
         """Heading of the table of some results."""
         return self.heading
 
-    def printed(self, results: Sequence[Result]) -> Iterator[str | Table]:
-        """What a command prints behind the table of its results."""
+    def further_output(self, results: Sequence[Result]) -> Iterator[str | Table]:
+        """Lines and tables that a command prints below the table of its results."""
         return iter(())
 
-    def write(self, results: Sequence[Result], folder: Path) -> list[str]:
-        """Write tables and figures of scored results into the folder of ``out=``; lines that say so.
-
-        Raises:
-            InputError: the folder cannot be written.
-        """
-        return []
-
-    def then(self, results: Sequence[Result]) -> str:
+    def next_command(self, results: Sequence[Result]) -> str:
         """The next command to type."""
         return "bench report"
 
-    def figure(self, result: Result, folder: Path) -> None:
-        """Draw what MLflow's page shows of a run into a folder; ``bench ui`` does it, once."""
+    def draw_run(self, result: Result, folder: Path) -> None:
+        """Draw the figures of a run for MLflow's page into a folder; ``bench ui`` calls this once."""
 
-    def section(self, results: Sequence[Result], folder: Path) -> Section | None:
-        """A figure and a table of each set of comparable systems."""
-        from bench.reports.contexts import section
+    def make_exhibits(self, results: Sequence[Result], folder: Path) -> list[Exhibit]:
+        """A figure and a table of each set of comparable systems; figures are written into the folder."""
+        from bench.reports.sections import comparable_groups, view_exhibit
 
-        return section(self, results, folder)
+        groups = comparable_groups(results, self.shared_parameters, self.score)
+        return [view_exhibit(self, *group, folder, i) for i, group in enumerate(groups, 1)]
 
-    def on_page(self, results: Sequence[Result]) -> Sequence[Measure]:
+    def page_columns(self, results: Sequence[Result]) -> Sequence[Measure]:
         """Columns of the table on the page, after the system."""
-        return self.shows(results)
+        return self.table_columns(results)
 
-    def captions(self) -> tuple[str, str]:
+    def page_captions(self) -> tuple[str, str]:
         """Captions of the figure and of the table on the page."""
-        by = f"accuracy by {self.noun or self.key}"
-        return (
-            f"{by}; means over subjects, 95 % t-intervals; dotted: captures as they are.",
-            self.heading or by,
-        )
+        caption = f"accuracy by {self.noun or self.key}"
+        details = "means over subjects, 95 % t-intervals; dotted: captures as they are"
+        return f"{caption}; {details}.", self.heading or caption
 
-    def drawn(self, results: Sequence[Result]) -> Figure | None:
+    def draw_for_page(self, results: Sequence[Result]) -> Figure | None:
         """The figure on the page: accuracy against the level."""
-        from bench.reports.curves import levels
+        from bench.reports.curves import draw_levels
 
-        return levels(self.key, self.noun or self.key, results)
+        return draw_levels(self.key, self.noun or self.key, results)
 
-    def sheets(self, results: Sequence[Result]) -> dict[str, pd.DataFrame]:
+    def csv_tables(self, results: Sequence[Result]) -> dict[str, pd.DataFrame]:
         """CSV files of the report, by name: the curves of all systems."""
-        from bench.values.stability import joined
+        from bench.values.stability import concat_tables
 
-        return {self.key: joined(results, self.key)} if results else {}
+        return {self.key: concat_tables(results, self.key)}
 
-    def offers(self, result: Result, wish: Wish) -> bool:
-        """Whether a run has a candidate."""
-        return self.chooses
+    def has_candidate(self, result: Result) -> bool:
+        """True if a run has a candidate."""
+        return True
 
-    def candidates(self, result: Result, wish: Wish) -> Iterable[Candidate]:
+    def clean_candidates(
+        self, result: Result, reactions: Reactions, windows: bool
+    ) -> Iterable[Candidate]:
+        """The system on captures as they are, or on their single windows."""
+        return ()
+
+    def candidates(
+        self, result: Result, reactions: Reactions, latest_ms: float | None
+    ) -> Iterable[Candidate]:
         """The system in each case, scored by whole captures."""
         from bench.values.candidate import Candidate
 
-        told = shared(result, self.alike)
-        table = result.tables[LABELS]
-        for (case, level), rows in table[table["circumstance"] == self.key].groupby(
-            ["case", "level"], sort=False
-        ):
-            yield Candidate(
-                ", ".join([self.words_of(case, level), *told]), wish.reactions.scores(rows)
-            )
+        settings = setting_phrases(result, self.shared_parameters)
+        table = result.tables[LABELS_TABLE]
+        cases = table[table["circumstance"] == self.key].groupby(["case", "level"], sort=False)
+        for (case, level), rows in cases:
+            words = ", ".join([self.case_words(case, level), *settings])
+            yield Candidate(words, reactions.score_by_subject(rows))
 
-    def lends(self, result: Result) -> dict[str, float]:
-        """Numbers of its costs that hold for the system in other runs, too; those of a study are of its runs alone."""
+    def shared_costs(self, result: Result) -> dict[str, float]:
+        """Numbers of its costs that hold for other runs of the system, too; none for a study."""
         if self.tag:
             return {}
-        names = [cost.source for cost in self.costs if cost.among is None]
+        names = [cost.source_name for cost in self.costs if cost.of_people is None]
         return {name: result.metrics[name] for name in names if name in result.metrics}
 
-    def lost(self, results: Sequence[Result], asked: Losses, reactions: Any) -> pd.DataFrame | None:
-        """Points lost in some cases [cases, subjects], for costs of losses; None if it knows none."""
+    def losses_by_subject(
+        self, results: Sequence[Result], faults: Sequence[str], severity: int, reactions: Reactions
+    ) -> pd.DataFrame | None:
+        """Points lost in each case [cases, subjects], for costs of losses; None if it measures none."""
         return None
 
-    def gestures(self, result: Result) -> tuple[str, ...]:
+    def gesture_names(self, result: Result) -> tuple[str, ...]:
         """All gestures of the captures of a run."""
         from bench.values.scores import classes_of
 
@@ -173,6 +168,6 @@ class View:
         every = (classes_of(table) for table in tables if table is not None)
         return tuple(next(filter(None, every), ()))
 
-    def chosen(self, row: Mapping[str, Any]) -> str:
-        """What to say of a chosen candidate, by its costs."""
+    def describe_choice(self, row: Mapping[str, Any]) -> str:
+        """A sentence on the costs of a chosen candidate; may be empty."""
         return ""

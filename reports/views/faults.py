@@ -8,25 +8,26 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from bench.reports.views.base import View
-from bench.values.measures import Cell as Shown
-from bench.values.measures import Cost, Measure, Row, percent, text
+from bench.values.measures import Cost, Measure, Row, percent_measure, text_measure
+from bench.values.measures import Value as Shown
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-    from bench.values.candidate import Losses
+    from bench.reading.reactions import Reactions
+    from bench.reports.sections import Exhibit
     from bench.values.result import Result
     from bench.values.table import Table
 
 
-def losses(row: Row) -> dict[str, float]:
+def losses_by_fault(row: Row) -> dict[str, float]:
     """Mean loss of accuracy under each fault, of a result."""
     names = str(row.get("faults", "")).split(", ")
     return {name: row[f"loss.{name}"] for name in names if f"loss.{name}" in row}
 
 
-def _halves(row: Row) -> str:
+def _half_margin_words(row: Row) -> str:
     """Each fault with the severity at which half of the margin is lost, the lowest first."""
     halves = {
         k.removeprefix("half_margin."): v for k, v in row.items() if k.startswith("half_margin.")
@@ -39,61 +40,66 @@ def _halves(row: Row) -> str:
 
 
 def _mean_loss(row: Row) -> Shown:
-    return 100 * sum(losses(row).values()) / len(losses(row)) if losses(row) else None
+    return (
+        100 * sum(losses_by_fault(row).values()) / len(losses_by_fault(row))
+        if losses_by_fault(row)
+        else None
+    )
 
 
 def _worst_fault(row: Row) -> Shown:
-    worst = max(losses(row), key=losses(row).__getitem__, default="")
-    return f"{worst.replace('_', ' ')} {100 * losses(row)[worst]:.1f}" if worst else None
+    worst = max(losses_by_fault(row), key=losses_by_fault(row).__getitem__, default="")
+    return f"{worst.replace('_', ' ')} {100 * losses_by_fault(row)[worst]:.1f}" if worst else None
 
 
-def _of(part: str, whole: str) -> Any:
+def _count_of(part: str, whole: str) -> Any:
     """A number of a number."""
     return lambda row: f"{row[part]:.0f} of {row[whole]:.0f}" if part in row else None
 
 
-_failing = _of(
+_failing = _count_of(
     "failing_slices.under", "tested_slices.under"
 )  # of captures as they are, and of damaged ones
 
 
 ON_PAGE = (  # columns of the table on the page, before the worst groups of captures
-    percent("accuracy", "clean %"),
-    text("halves", "half of the margin is lost at", read=_halves),
+    percent_measure("accuracy", "clean %"),
+    text_measure("halves", "half of the margin is lost at", source=_half_margin_words),
     Measure("failing", "failing of tested groups", _failing),
 )
 CAPTION = (
     "faults and groups of captures on which each system fails. The number after each fault is the severity "
     "from 1 to 5 at which half of the margin over chance is lost. Groups are subjects, gestures, conditions, "
     "faults and pairs of these; failing groups have an accuracy significantly below that of the system "
-    "(Benjamini-Hochberg). faults.csv has every severity; bench stress writes all groups, and learning curves."
+    "(Benjamini-Hochberg). faults.csv has every severity, half_margins.csv the size of "
+    "the fault at half of the margin."
 )
+TABLES = ("faults", "conditions", "slices")  # CSV files of the report
 HEAT = "Points of accuracy lost under each fault, mean over five severities, worst fault first."
 _LOSS = Cost(
     "loss",
     unit="points",
-    unknown="losses are of whole captures, in runs of bench stress with all these faults",
+    why_unknown="losses are of whole captures, in runs of bench stress with all these faults",
     command="stress faults={faults}",
     shows=(),
 )
 
 
 class Faults(View):
-    """A damaged sensor is nothing to choose; its loss is a cost."""
+    """Accuracy under faults; the loss is a cost of a choice."""
 
-    chooses: ClassVar[bool] = False
     section_heading: ClassVar[str] = "Faults"
-    line: ClassVar[str] = "points of accuracy lost under each fault"
-    more: ClassVar[str] = "loss."
-    intervals: ClassVar[bool] = False
+    section_summary: ClassVar[str] = "points of accuracy lost under each fault"
     heading: ClassVar[str] = (
         "Accuracy in percent of clean captures, mean over subjects, and mean loss in points over all faults"
     )
-    shown: ClassVar[tuple[Measure, ...]] = (
-        percent("accuracy", "clean"),
+    columns: ClassVar[tuple[Measure, ...]] = (
+        percent_measure("accuracy", "clean"),
         Measure("mean_loss", "mean loss", _mean_loss),
-        Measure("trained", "faults trained on", _of("faults_trained", "faults_tested"), spare=2),
-        text("worst_fault", "worst fault", _worst_fault),
+        Measure(
+            "trained", "faults trained on", _count_of("faults_trained", "faults_tested"), spare=2
+        ),
+        text_measure("worst_fault", "worst fault", _worst_fault),
         Measure("failing", "failing groups", _failing),
     )
     costs: ClassVar[tuple[Cost, ...]] = (
@@ -101,66 +107,82 @@ class Faults(View):
             _LOSS,
             key="fault_loss",
             noun="mean loss under faults",
-            words="lost under faults",
+            phrase="lost under faults",
             axis="points lost under faults (mean of all faults and severities)",
             help="largest mean loss under faults, in points of bench stress",
-            among=lambda people: people.loss().mean(axis=1),
+            of_people=lambda people: people.mean_losses().mean(axis=1),
             section="faults.loss",
         ),
         replace(
             _LOSS,
             key="worst_fault",
             noun="loss under the worst fault",
-            words="lost under the worst fault",
+            phrase="lost under the worst fault",
             axis="points lost under the worst fault",
             help="largest loss under the worst fault and severity, in points",
-            among=lambda people: people.loss().max(axis=1),
+            of_people=lambda people: people.mean_losses().max(axis=1),
             section="faults.worst",
         ),
     )
 
-    def write(self, results: Sequence[Result], folder: Path) -> list[str]:
-        """Write tables, figures and ``stability.md`` for the results of each context."""
-        from bench.reports.stability_tables import write_all
+    def make_exhibits(self, results: Sequence[Result], folder: Path) -> list[Exhibit]:
+        """Losses, failing groups, ranks and changed labels, for each set of comparable results."""
+        from bench.reports.failures import failure_tables
+        from bench.reports.sections import Exhibit, comparable_groups, view_exhibit
 
-        return write_all(results, folder)
+        exhibits = []
+        for i, (words, runs) in enumerate(comparable_groups(results, more="loss."), 1):
+            main = view_exhibit(self, words, runs, folder, i)
+            exhibits.append(main)
+            values, context = runs[0].values_to_agree, ", ".join(runs[0].context)
+            seeds = [r for r in results if r.is_complete and r.values_to_agree == values]
+            for caption, table in failure_tables(runs, seeds):
+                exhibits.append(Exhibit(main.heading, table=table, caption=f"{context}: {caption}"))
+        return exhibits
 
-    def on_page(self, results: Sequence[Result]) -> Sequence[Measure]:
+    def page_columns(self, results: Sequence[Result]) -> Sequence[Measure]:
         """Accuracy, where each system fails first, and its worst groups of captures."""
         worst = dict.fromkeys(
             name for r in results for name in r.metrics if name.startswith("worst.")
         )
-        return [*ON_PAGE, *(percent(name, name.replace(".", " ")) for name in worst)]
+        return [*ON_PAGE, *(percent_measure(name, name.replace(".", " ")) for name in worst)]
 
-    def captions(self) -> tuple[str, str]:
+    def page_captions(self) -> tuple[str, str]:
         """Captions of the figure and of the table on the page."""
         return HEAT, CAPTION
 
-    def drawn(self, results: Sequence[Result]) -> Figure | None:
+    def draw_for_page(self, results: Sequence[Result]) -> Figure | None:
         """Points lost under each fault; None where there are learning curves alone."""
         import pandas as pd
 
-        from bench.reports.curves import heat_map
+        from bench.reports.curves import draw_heat_map
 
-        lost = pd.DataFrame({r.method: losses(r) for r in results}).T
+        lost = pd.DataFrame({r.system_with_seed: losses_by_fault(r) for r in results}).T
         return (
-            heat_map(lost, [r["accuracy"] for r in results], ", ".join(results[0].context))
+            draw_heat_map(lost, [r["accuracy"] for r in results], ", ".join(results[0].context))
             if lost.size
             else None
         )
 
-    def sheets(self, results: Sequence[Result]) -> dict[str, pd.DataFrame]:
-        """Accuracy under each fault."""
-        from bench.values.stability import joined
+    def csv_tables(self, results: Sequence[Result]) -> dict[str, pd.DataFrame]:
+        """Accuracy under each fault, half margins, and accuracy of all groups of captures."""
+        from bench.values.stability import concat_tables
 
-        return {"faults": joined(results, "faults")} if results else {}
+        tables = {name: concat_tables(results, name) for name in TABLES}
+        return tables | {"half_margins": concat_tables(results, "margins")}
 
-    def lost(self, results: Sequence[Result], asked: Losses, reactions: Any) -> pd.DataFrame | None:
+    def has_candidate(self, result: Result) -> bool:
+        """False: nobody chooses a damaged sensor."""
+        return False
+
+    def losses_by_subject(
+        self, results: Sequence[Result], faults: Sequence[str], severity: int, reactions: Reactions
+    ) -> pd.DataFrame | None:
         """Points lost under each fault at each severity [cases, subjects], in some runs of one system."""
         from bench.reading.reactions import points_lost
 
-        return points_lost(results, asked, reactions, self.key)
+        return points_lost(results, faults, severity, reactions, self.key)
 
-    def printed(self, results: Sequence[Result]) -> Iterator[str | Table]:
+    def further_output(self, results: Sequence[Result]) -> Iterator[str | Table]:
         """A hint."""
         yield "To train a system on damaged copies too, add model.faults=all."

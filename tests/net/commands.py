@@ -96,6 +96,7 @@ STEPS = {  # each list in a copy of the store
     ],
     "fit": [["fit", *LDA, "stopping=no", "out=rec"], ["predict", "rec", "three.csv", "out=p.csv"]],
 }
+STRESS = ["conditions", "faults", "half_margins", "learning", "slices"]
 FILES = {  # golden files of what commands write, by the step that writes them
     "report": [
         "report/comparison.csv",
@@ -110,16 +111,12 @@ FILES = {  # golden files of what commands write, by the step that writes them
         "report/stopping.csv",
         "report/paper.csv",
         "report/paper.tex",
+        *(f"report/{name}.csv" for name in STRESS),
     ],
     "data": ["look/index.html"],
     "check": ["check.xml"],
     "fit": ["p.csv"],
 }
-STRESS = ["conditions", "faults", "half_margins", "learning", "ranks", "seeds", "slices"]
-BUILT = [  # by the runs of the store
-    *(f"{folder}/stability_{name}.csv" for folder in ("stress", "seeds") for name in STRESS),
-    *("stress/stability.md", "seeds/stability.md"),
-]
 LINES = {  # of scene files, each a mistake, by its name
     "a": "colour = 3",
     "b": "[budget]\nflash = 64",

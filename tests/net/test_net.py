@@ -10,11 +10,11 @@ import pandas as pd
 import pytest
 
 import bench
-from bench.grammar.options import commands
+from bench.grammar.options import load_commands
 from bench.store.client import connect
 from tests.net import masks, stores
 from tests.net.build import RUNS, step
-from tests.net.commands import BUILT, FILES, LINES, ON, SCENES, STEPS, WRONG
+from tests.net.commands import FILES, LINES, ON, SCENES, STEPS, WRONG
 
 GOLDEN = Path(__file__).parent / "golden"
 FORMS = {".csv": masks.csv_of, ".html": masks.page_of}
@@ -60,12 +60,6 @@ def test_runs_print_what_they_printed(name, net_store, golden):
     )
 
 
-def test_runs_write_what_they_wrote(net_store, golden):
-    compare_files(golden, net_store, BUILT)
-    names = [path.name for folder in ("stress", "seeds") for path in (net_store / folder).iterdir()]
-    golden("files/built.txt", "\n".join(sorted(names)) + "\n")
-
-
 @pytest.mark.parametrize("name", STEPS)
 def test_commands_print_and_write_what_they_did(name, work, golden):
     text = "".join(map(step, STEPS[name]))
@@ -76,7 +70,7 @@ def test_commands_print_and_write_what_they_did(name, work, golden):
         golden("files/report.txt", "\n".join(names) + "\n")
 
 
-@pytest.mark.parametrize("name", ["bench", *commands()])
+@pytest.mark.parametrize("name", ["bench", *load_commands()])
 def test_help_is_what_it_was(name, golden):
     text = step(["--help"] if name == "bench" else [name, "--help"])
     golden(f"help/{name}.txt", masks.lines_of(text, golden.folders))
@@ -84,7 +78,7 @@ def test_help_is_what_it_was(name, golden):
 
 def test_mistakes_are_refused_in_the_same_words(work, golden):
     """A file for each command, and one for what is none."""
-    known = commands()
+    known = load_commands()
     file_of = {command[0]: command[0] if command[0] in known else "none" for command in WRONG}
     for name in sorted({*file_of.values()}):
         text = "".join(step(command) for command in WRONG if file_of[command[0]] == name)
@@ -115,8 +109,8 @@ def test_the_api_returns_what_it_returned(work, golden):
 def test_a_changed_last_digit_of_a_store_is_told(in_net, net_store, capsys):
     """By the comparison of stores that changes of structure go through."""
     store = connect()
-    run = store.of_kind("cell")[0].info.run_id
-    store.log(
+    run = store.runs_of_kind("cell")[0].info.run_id
+    store.log_values(
         run, {"macro_f1": np.nextafter(store.client.get_run(run).data.metrics["macro_f1"], 2)}
     )
     (path,) = in_net.glob(f"mlruns/*/{run}/artifacts/predictions.parquet")
@@ -136,8 +130,8 @@ def shown(value, folders):
     """An object of the API as a text."""
     if isinstance(value, pd.DataFrame):
         return masks.table_of(value, folders)
-    text = f"{value!s}\n{value!r}" if hasattr(value, "choice") else repr(value)
+    text = f"{value!s}\n{value!r}" if hasattr(value, "candidates") else repr(value)
     parts = [type(value).__name__, masks.lines_of(text, folders)]
-    if hasattr(value, "choice"):
-        parts.append(f"choice.table\n{masks.table_of(value.choice.table, folders)}")
+    if hasattr(value, "candidates"):
+        parts.append(f"choice.table\n{masks.table_of(value.table, folders)}")
     return "\n".join(parts)

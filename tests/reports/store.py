@@ -1,13 +1,13 @@
-"""Results of `tests.results` in a store, as if their commands had made them."""
+"""Results of `tests.reading.results` in a store, as if their commands had made them."""
 
 import tempfile
 from pathlib import Path
 
-from bench.store.tables import file_of, write_table
-from tests import results
-from tests.results import made_up, with_hits
+from bench.store.tables import table_file, write_table
+from tests.reading import results
+from tests.reading.results import make_predictions, predictions_with_hits
 
-__all__ = ["keep", "made_up", "stressed", "tracked_run", "with_hits"]
+__all__ = ["keep", "make_predictions", "stressed", "tracked_run", "predictions_with_hits"]
 
 PARAMS = ("corpus_digest", "git", "cpu", "threads", "faults")
 PARTS = {
@@ -20,30 +20,32 @@ OF_THE_STORE = ("run_id", "started", "status", "features_name")
 def keep(store, result):
     """Store a result; the id of its run."""
     params = {
-        k for k in result.about if k in PARAMS or ("." in k and not k.startswith("touchbench."))
+        k
+        for k in result.attributes
+        if k in PARAMS or ("." in k and not k.startswith("touchbench."))
     }
-    tags = {k: v for k, v in result.about.items() if k not in {*params, *PARTS, *OF_THE_STORE}}
-    info = store.create(result["system"], tags).info
+    tags = {k: v for k, v in result.attributes.items() if k not in {*params, *PARTS, *OF_THE_STORE}}
+    info = store.create_run(result["system"], tags).info
     run = info.run_id
-    store.log(
+    store.log_values(
         run,
         result.metrics,
         {k: result[k] for k in params} | {v: result[k] for k, v in PARTS.items()},
     )
     with tempfile.TemporaryDirectory() as folder:
         for name in result.tables:
-            write_table(result.tables[name], Path(folder) / file_of(name))
-        store.keep(info.artifact_uri, Path(folder))
-    store.mark(run, result["status"])
+            write_table(result.tables[name], Path(folder) / table_file(name))
+        store.log_artifact(info.artifact_uri, Path(folder))
+    store.set_status(run, result["status"])
     return run
 
 
 def tracked_run(store, system, predictions, failed=0, cost=1.0, **about):
     """Store a run of ``bench run``, or of another kind with such predictions."""
     kind = about.pop("touchbench.kind", "cell")
-    return keep(store, results.evaluated(system, predictions, failed, cost, kind, **about))
+    return keep(store, results.make_run(system, predictions, failed, cost, kind, **about))
 
 
 def stressed(store, system, accuracy, losses, more=(), **about):
     """Store a run of ``bench stress``."""
-    return keep(store, results.stressed(system, accuracy, losses, more, **about))
+    return keep(store, results.make_stress_run(system, accuracy, losses, more, **about))

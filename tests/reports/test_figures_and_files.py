@@ -10,8 +10,8 @@ import pytest
 
 from bench.corpora.survey import Survey
 from bench.reports import chart, corpus_page, figures
-from bench.reports.embedded import embedded
-from bench.values.measures import costs
+from bench.reports.embedded import embed_svg
+from bench.values.measures import all_costs
 from bench.values.table import write_sheet
 from tests.conftest import random_corpus
 
@@ -33,12 +33,12 @@ def test_the_chart_marks_the_choice_budgets_and_what_they_rule_out():
     )
     points = points.assign(flash=range(1, 22), worst_person=[0.0, *range(10, 30)], ram=np.nan)
     points.loc[0, "chosen"], points.loc[20, "out"] = True, True
-    flash, _ = chart.cost_chart(
-        "g", points, costs()["flash"], 20.5, left=3, best=("Zhou & Du", "CNN", 76.1)
+    flash, _ = chart.draw_cost_chart(
+        "g", points, all_costs()["flash"], 20.5, left=3, best=("Zhou & Du", "CNN", 76.1)
     )
-    worst, _ = chart.cost_chart("g", points, costs()["worst_person"])
-    assert chart.cost_chart("g", points, costs()["ram"]) is None
-    zero, _ = chart.cost_chart("g", points.iloc[1:], costs()["worst_person"], 0.0)
+    worst, _ = chart.draw_cost_chart("g", points, all_costs()["worst_person"])
+    assert chart.draw_cost_chart("g", points, all_costs()["ram"]) is None
+    zero, _ = chart.draw_cost_chart("g", points.iloc[1:], all_costs()["worst_person"], 0.0)
     assert (
         float(re.search(r'<line x1="(.*?)%".*?b85c00', zero)[1]) == chart.EDGES[0]
     )  # a budget of 0 is on the axis
@@ -90,8 +90,8 @@ def test_names_of_the_front_cover_neither_each_other_nor_points():
         high=np.nan,
         flash=[1, 2, 4, 8, 900.0],
     )
-    drawing, caption = chart.cost_chart(
-        "g", points.assign(accuracy=[60, 70, 72, 80, 81.0]), costs()["flash"]
+    drawing, caption = chart.draw_cost_chart(
+        "g", points.assign(accuracy=[60, 70, 72, 80, 81.0]), all_costs()["flash"]
     )
     assert "interval" not in caption  # of too few subjects
     boxes, spots = [], []
@@ -111,13 +111,13 @@ def test_names_of_the_front_cover_neither_each_other_nor_points():
 def test_the_page_of_a_corpus_says_that_captures_are_synthetic_and_shows_mean_pressure(
     tmp_path, monkeypatch
 ):
-    kept, saved = {}, corpus_page.save
+    kept, saved = {}, corpus_page.save_figure
     keep = lambda figure, folder, name, *more: (
         kept.update({name: figure}) or saved(figure, folder, name, *more)
     )  # noqa: E731
-    monkeypatch.setattr(corpus_page, "save", keep)
+    monkeypatch.setattr(corpus_page, "save_figure", keep)
     corpus = random_corpus(subjects=2, per_class=2, info={"synthetic": True})
-    corpus_page.write(found := Survey(corpus), tmp_path)
+    corpus_page.write_page(found := Survey(corpus), tmp_path)
     assert (tmp_path / "index.html").read_text().count(
         "not people"
     ) >= 6  # on top, of every table, of every figure
@@ -175,7 +175,7 @@ def test_a_drawing_on_the_page_has_the_points_and_words_of_its_file(tmp_path):
         axes[0, 0].errorbar([0.5, 1.234567, 2], [1, 2, 0.3], yerr=0.25, fmt=marker, capsize=2)
     figures.write_svg(figure, tmp_path / "c.svg")
     text, styles = (tmp_path / "c.svg").read_text(encoding="utf-8"), {}
-    short = embedded(text, 'all "of" it', styles)
+    short = embed_svg(text, 'all "of" it', styles)
     assert len(short) + len("".join(styles)) < len(text) / 2
     whole, root = fromstring(text), fromstring(short)
     for element in root.iter():  # its classes as styles again

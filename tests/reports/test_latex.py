@@ -11,10 +11,18 @@ import pytest
 
 import bench
 from bench.cli import main
-from bench.reports.latex import COSTS, SCORES, escaped, latex, papers, sheet, side_by_side
-from bench.values.result import MARK
+from bench.reports.latex import (
+    COSTS,
+    SCORES,
+    comparison_latex,
+    escape_latex,
+    make_papers,
+    papers_latex,
+    papers_table,
+)
+from bench.values.result import BATCH_MARK
 from tests.reports.store import tracked_run
-from tests.results import evaluated, with_hits
+from tests.reading.results import make_run, predictions_with_hits
 
 
 def row(system, accuracy, **more):
@@ -43,15 +51,16 @@ def test_a_paper_has_protocols_side_by_side_with_means_and_sds_over_people():
         "10-fold": {"a": [20, 18, 20, 20]},
     }
     runs = [
-        evaluated("a", with_hits([12, 16, 16, 14]), protocol_label="LOSO", seed=1),
-        evaluated("c", failed=1),
+        make_run("a", predictions_with_hits([12, 16, 16, 14]), protocol_label="LOSO", seed=1),
+        make_run("c", failed=1),
     ]
     for name, rows in hits.items():
         about = {"protocol_label": name, "mixes_subjects": str(name != "LOSO").lower()}
         runs += [
-            evaluated(system, with_hits(row), cost=2.0, **about) for system, row in rows.items()
+            make_run(system, predictions_with_hits(row), cost=2.0, **about)
+            for system, row in rows.items()
         ]
-    (one,) = papers(runs, ["accuracy", "macro_f1", "fit", "flash"])
+    (one,) = make_papers(runs, ["accuracy", "macro_f1", "fit", "flash"])
     seeds = 5 * (np.array(hits["LOSO"]["a"]) + [12, 16, 16, 14]) / 2  # percent of 20 captures
     rows = {row["system"]: row for row in one.table.texts}
     loso, folds = [["LOSO", "LOSO, macro-F1"], ["10-fold ‡", "10-fold ‡, macro-F1"]]
@@ -72,12 +81,12 @@ def test_a_paper_has_protocols_side_by_side_with_means_and_sds_over_people():
         and rows["b"]["fit s"] == "6.00"
     )
     assert rows["a"]["LOSO, macro-F1"] == f"{50 * (runs[0]['macro_f1'] + runs[2]['macro_f1']):.1f}"
-    text = side_by_side([one])
+    text = papers_latex([one])
     assert (
         r"b & \textbf{75.0 $\pm$ 10.0} &" in text
         and r"$^\ddagger$ Training and test captures come from" in text
     )
-    table = sheet([one]).set_index("system")
+    table = papers_table([one]).set_index("system")
     assert {"LOSO: accuracy %", "LOSO: macro_f1 %", "fit_seconds", "flash kB"} < {*table}
     assert (
         table.loc["a", "LOSO: SD %"] == pytest.approx(seeds.std(ddof=1))
@@ -87,11 +96,11 @@ def test_a_paper_has_protocols_side_by_side_with_means_and_sds_over_people():
 
 def test_a_comparison_has_intervals_its_best_without_a_mark_and_its_p():
     rows = [
-        row(f"a {MARK}", 90.0),
+        row(f"a {BATCH_MARK}", 90.0),
         row("b & co_1", 85.04),
         row("c", 80.0, p_holm=0.0004, against="b & co_1"),
     ]
-    text = latex([*rows, row("d", 70.0, unit="window", data="x (synthetic)")])
+    text = comparison_latex([*rows, row("d", 70.0, unit="window", data="x (synthetic)")])
     shown = (
         r"\textbf{85.0 [40.0, 60.1]}",
         "80.0 [40.0, 60.1]",
@@ -100,18 +109,18 @@ def test_a_comparison_has_intervals_its_best_without_a_mark_and_its_p():
         r"a $<$ 50 \% \#1",
     )
     assert [words for words in shown if words not in text] == [] and text.count("textbf") == 1
-    marked = [row(f"{system} {MARK}", 80) for system in "ab"]
-    assert "textbf" not in latex(marked)  # none of them is compared
+    marked = [row(f"{system} {BATCH_MARK}", 80) for system in "ab"]
+    assert "textbf" not in comparison_latex(marked)  # none of them is compared
     assert "generated" in text and "by window" in text
 
 
 def test_text_is_escaped_and_control_characters_are_gone():
-    assert escaped("a_b & 50 % {x} #1 $2 ~ ^ \\") == (
+    assert escape_latex("a_b & 50 % {x} #1 $2 ~ ^ \\") == (
         r"a\_b \& 50 \% \{x\} \#1 \$2 \textasciitilde{} \textasciicircum{} \textbackslash{}"
     )
-    assert escaped("a\nb\x1bc\u202e") == "a bc"
+    assert escape_latex("a\nb\x1bc\u202e") == "a bc"
     for letter, first in (("é", "% One table"), ("λ", "% Letters beyond Latin: needs lualatex")):
-        assert latex([row(letter, 50.0)] * 2).startswith(first)
+        assert comparison_latex([row(letter, 50.0)] * 2).startswith(first)
 
 
 @pytest.mark.skipif(not shutil.which("pdflatex"), reason="pdflatex is not installed")
@@ -124,17 +133,17 @@ def test_tables_compile_and_fit_a_page():
     ]
     protocols = ["LOSO (10 subjects)", "challenge (official split)", "10-fold, subjects mixed"]
     runs = [
-        evaluated(name, with_hits([9, 14, 18, 11]), protocol_label=on)
+        make_run(name, predictions_with_hits([9, 14, 18, 11]), protocol_label=on)
         for name in names
         for on in protocols
     ]
-    side = side_by_side(papers(runs, [*SCORES, *COSTS]))
+    side = papers_latex(make_papers(runs, [*SCORES, *COSTS]))
     (caption,) = re.findall(r"\\caption\{(.*)\}\n", side)
     assert "tried=" not in caption and "tried=0" in side and r"\begin{table*}" in side
-    assert r"\begin{table}" in side_by_side(
-        papers(runs[:1], ["accuracy"])
+    assert r"\begin{table}" in papers_latex(
+        make_papers(runs[:1], ["accuracy"])
     )  # takes one of two columns
-    one = latex([row("a \\ { } \" ' ` ~ ^ < > | $ % # _ &", 50.0)] * 2)
+    one = comparison_latex([row("a \\ { } \" ' ` ~ ^ < > | $ % # _ &", 50.0)] * 2)
     for columns in ("onecolumn", "twocolumn"):
         head = rf"\documentclass[a4paper,{columns}]{{article}}\usepackage{{booktabs,graphicx}}"
         head += r"\usepackage[textwidth=16cm]{geometry}"
@@ -151,7 +160,7 @@ def test_tables_compile_and_fit_a_page():
 
 def test_the_call_makes_what_the_report_writes(store, quick):
     for seed in (0, 1):
-        tracked_run(store, "svm", with_hits([9, 14, 18, 11]), seed=seed)
+        tracked_run(store, "svm", predictions_with_hits([9, 14, 18, 11]), seed=seed)
     assert main(["report", "paper=accuracy,flash"]) == 0
     table = bench.runs()
     text = bench.latex(table, paper=["accuracy", "flash"])

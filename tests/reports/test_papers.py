@@ -4,12 +4,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.reading.frame import grouped
+from bench.reading.frame import group_results
 from bench.reports import papers as reproduction
-from bench.reports.comparison import comparison, published, scored
+from bench.reports.comparison import comparison_table, load_published, score_rows
 from bench.reports.details import macro_interval, recall_interval
 from bench.values import scores
-from tests.results import evaluated, made_up
+from tests.reading.results import make_predictions, make_run
 
 CHALLENGE = {"data": "haart", "synthetic": "false", "protocol": "challenge"}
 
@@ -17,22 +17,22 @@ CHALLENGE = {"data": "haart", "synthetic": "false", "protocol": "challenge"}
 def beside(*runs):
     """Results of systems on HAART, and the published numbers beside them."""
     results = [
-        evaluated(system, predictions, **CHALLENGE | about) for system, predictions, about in runs
+        make_run(system, predictions, **CHALLENGE | about) for system, predictions, about in runs
     ]
-    return results, reproduction.against(results).set_index("id")
+    return results, reproduction.compare_with_published(results).set_index("id")
 
 
 def test_which_run_stands_beside_which_number():
     results, table = beside(
-        ("ta2015_rf", made_up(3, seed=2), {"seed": 2}),
-        ("ta2015_rf", made_up(3), {"seed": 0}),
-        ("ta2015_rf", made_up(8), {"synthetic": "true", "data": "synth"}),
-        ("hughes2017_cnn[epochs=3]", made_up(windows=3), {}),
-        ("gaus2015_rf", made_up(8), {"failed": 2}),
-        ("hughes2015_softmax", made_up(1), {"official_split": "false"}),
-        ("hughes2017_ae_rnn", made_up(8), {}),
+        ("ta2015_rf", make_predictions(3, seed=2), {"seed": 2}),
+        ("ta2015_rf", make_predictions(3), {"seed": 0}),
+        ("ta2015_rf", make_predictions(8), {"synthetic": "true", "data": "synth"}),
+        ("hughes2017_cnn[epochs=3]", make_predictions(windows=3), {}),
+        ("gaus2015_rf", make_predictions(8), {"failed": 2}),
+        ("hughes2015_softmax", make_predictions(1), {"official_split": "false"}),
+        ("hughes2017_ae_rnn", make_predictions(8), {}),
     )
-    assert set(table.index) == set(published()["id"])
+    assert set(table.index) == set(load_published()["id"])
     assert (table.loc[table["data"] == "cost", "verdict"] == "data not here").all()
     ours = table.loc["ta2015-haart-test"]
     assert list(ours["seed"]) == ["0", "2"] and list(ours["subjects"]) == [3, 3]
@@ -58,7 +58,9 @@ def test_which_run_stands_beside_which_number():
     assert "3 subjects: too few for an interval" in {row["verdict"] for row in rows}
     assert sum(section["counts"].values()) == table["ours"].notna().sum()
     assert len(section["here"]) + len(section["away"]) == len(table)
-    beside_ours = comparison(scored(grouped(results))).groupby(["data", "system"])["published"]
+    beside_ours = comparison_table(score_rows(group_results(results))).groupby(["data", "system"])[
+        "published"
+    ]
     shown = beside_ours.agg(lambda each: {*each.dropna()})
     assert shown[("haart", "ta2015_rf")] == {"70.91 (capture, ta2015-haart-test)"}
     assert (
@@ -72,19 +74,19 @@ def test_which_run_stands_beside_which_number():
     "mark", [{"touchbench.depends_on_batch": "true"}, {"touchbench.conditions": "subject"}]
 )
 def test_a_run_on_the_batch_or_on_conditions_is_no_published_system(mark):
-    results, table = beside(("ta2015_rf", made_up(3), mark))
-    (shown,) = comparison(scored(grouped(results))).itertuples()
+    results, table = beside(("ta2015_rf", make_predictions(3), mark))
+    (shown,) = comparison_table(score_rows(group_results(results))).itertuples()
     assert shown.system == results[0].system != "ta2015_rf" and pd.isna(shown.published)
     row = table.loc["ta2015-haart-test"]
     assert row["verdict"] == "not run" and results[0].system in row["note"]
 
 
 def test_units_and_their_intervals():
-    predictions = made_up(6, windows=3, skill=0.5)
+    predictions = make_predictions(6, windows=3, skill=0.5)
     _, table = beside(("cnn85", predictions, {"data": "cost", "protocol": "loso"}))
-    decided = scores.windows(predictions)
-    per_class = scores.per_class(decided, scores.classes_of(predictions))
-    low, high = scores.subject_interval(decided)
+    decided = scores.label_windows(predictions)
+    per_class = scores.scores_by_class(decided, scores.classes_of(predictions))
+    low, high = scores.pooled_accuracy_interval(decided)
     pooled, headline = table.loc["albawi2018-pooled"], table.loc["albawi2018-headline"]
     hit = (decided["true"] == decided["predicted"]).mean()
     assert pooled[["ours", "low", "high"]].tolist() == pytest.approx(
@@ -98,7 +100,10 @@ def test_units_and_their_intervals():
 
 
 def test_intervals_of_classes_by_a_plain_loop():
-    labelled, classes = scores.captures(made_up(5, skill=0.4, seed=3)), ["pat", "rub", "tap"]
+    labelled, classes = (
+        scores.label_captures(make_predictions(5, skill=0.4, seed=3)),
+        ["pat", "rub", "tap"],
+    )
     labelled.loc[labelled["subject"] == "2", "predicted"] = [
         "",
         *labelled["predicted"][labelled["subject"] == "2"][1:],
@@ -107,7 +112,7 @@ def test_intervals_of_classes_by_a_plain_loop():
     draws = []
     for times in np.random.default_rng(0).multinomial(5, np.full(5, 0.2), 20):
         drawn = [part for part, k in zip(parts, times, strict=True) for _ in range(k)]
-        draws.append(scores.per_class(pd.concat(drawn), classes))
+        draws.append(scores.scores_by_class(pd.concat(drawn), classes))
     for metric in ("precision", "recall"):
         ends = np.quantile([table[metric].mean() for table in draws], [0.025, 0.975])
         assert macro_interval(labelled, classes, f"macro_{metric}", draws=20) == pytest.approx(

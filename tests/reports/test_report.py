@@ -19,17 +19,24 @@ import bench
 from bench.cli import main
 from bench.commands import printing
 from bench.errors import InputError
-from bench.ground.registry import views
-from bench.reading.frame import grouped
+from bench.ground.registry import load_views
+from bench.reading.frame import group_results
 from bench.reports import page
-from bench.reports.chart import marks
-from bench.reports.comparison import published
-from bench.reports.live import packed
-from bench.reports.summary import summary_of
-from bench.values.measures import costs
-from bench.values.result import BATCH, MARK
+from bench.reports.chart import chart_points
+from bench.reports.comparison import load_published
+from bench.reports.live import page_data
+from bench.reports.summary import summarise_group
+from bench.values.measures import all_costs
+from bench.values.result import BATCH_MARK, BATCH_TAG
 from tests.reports.store import keep, tracked_run
-from tests.results import HAART, evaluated, made_up, streamed, stressed, with_hits
+from tests.reading.results import (
+    HAART,
+    make_predictions,
+    make_replay_run,
+    make_run,
+    make_stress_run,
+    predictions_with_hits,
+)
 
 HOSTILE = 'svm[x=<script>alert(1)</script>|"&*_] · `a`'
 
@@ -42,8 +49,8 @@ def typed(system):
 
 
 def verdict(results, budgets):
-    (name, members), *_ = grouped(results).items()
-    return summary_of(name, members, results, budgets)
+    (name, members), *_ = group_results(results).items()
+    return summarise_group(name, members, results, budgets)
 
 
 class Parsed(HTMLParser):
@@ -90,11 +97,14 @@ class Parsed(HTMLParser):
 
 
 def test_the_page_loads_nothing_is_whole_and_names_are_text(store, quick):
-    tracked_run(store, "svm · jung54", made_up(10), **HAART)
-    tracked_run(store, "batchy", with_hits([19] * 10), **HAART, **{BATCH: "true"})
-    tracked_run(store, "cut", made_up(8), failed=2, **HAART)
-    tracked_run(store, HOSTILE, made_up(7), subset="variant == 'rough'")
-    keep(store, stressed("svm", 0.6, {"noise": 0.1, "shift": 0.234}, {"half_margin.shift": 2.25}))
+    tracked_run(store, "svm · jung54", make_predictions(10), **HAART)
+    tracked_run(store, "batchy", predictions_with_hits([19] * 10), **HAART, **{BATCH_TAG: "true"})
+    tracked_run(store, "cut", make_predictions(8), failed=2, **HAART)
+    tracked_run(store, HOSTILE, make_predictions(7), subset="variant == 'rough'")
+    keep(
+        store,
+        make_stress_run("svm", 0.6, {"noise": 0.1, "shift": 0.234}, {"half_margin.shift": 2.25}),
+    )
     page.write_report(store, Path("report"), {"flash": 50.0})
     text = Path("report/index.html").read_text(encoding="utf-8")
     parsed = Parsed(text)
@@ -110,19 +120,19 @@ def test_the_page_loads_nothing_is_whole_and_names_are_text(store, quick):
     assert len(code.splitlines()) <= 250
     words = " ".join(" ".join(parsed.words).split())
     assert HOSTILE in words
-    for row in published().itertuples():
+    for row in load_published().itertuples():
         assert " ".join(row.classifier.split()) in words and row.reference in words
     for table in re.findall(r"(?:^\|.*\n)+", Path("report/comparison.md").read_text(), re.M):
         assert len({len(re.findall(r"(?<!\\)\|", line)) for line in table.splitlines()}) == 1
     warnings = " ".join(re.findall(r'<p class="warning">(.*?)</p>', text, re.DOTALL))
-    assert all(fact in warnings for fact in ("(synthetic)", "cut", f"batchy {MARK}"))
+    assert all(fact in warnings for fact in ("(synthetic)", "cut", f"batchy {BATCH_MARK}"))
 
 
 def test_the_table_of_systems_by_hand(store):
     """Of eight people, each loses a capture of 20 with b (p = 2 / 2 ** 8), and every other one with c (2 / 2 ** 4)."""
     hits = {"a": [15] * 8, "b": [14] * 8, "c": [14, 15] * 4}
     runs = [
-        evaluated(name, with_hits(each), cost=1.0 + i)
+        make_run(name, predictions_with_hits(each), cost=1.0 + i)
         for i, (name, each) in enumerate(hits.items())
     ]
     table = verdict(runs, {}).table
@@ -135,7 +145,9 @@ def test_the_table_of_systems_by_hand(store):
     ]  # two tests, 2 * 2 / 2 ** 8
     assert [row["rank"] for row in table.texts] == ["1-2 ≈", "1-3 ≈", "2-3"]
     assert [row["flash kB"] for row in table.texts] == ["4", "12", "8"]
-    few = verdict([evaluated(name, with_hits(each[:5])) for name, each in hits.items()], {})
+    few = verdict(
+        [make_run(name, predictions_with_hits(each[:5])) for name, each in hits.items()], {}
+    )
     assert {row["test"] for row in few.table.texts} == {"reference", "too few subjects"}
     assert {row["rank"] for row in few.table.texts} == {"1-3 ≈"}
 
@@ -143,13 +155,13 @@ def test_the_table_of_systems_by_hand(store):
 def test_numbers_for_the_script_by_hand():
     """Two seeds of a, whose mean stands above them; its captures are those of the lowest seed."""
     runs = [
-        evaluated("a", with_hits([15] * 8), seed=1),
-        evaluated("a", with_hits([13] * 8), seed=0, cost=3.0),
+        make_run("a", predictions_with_hits([15] * 8), seed=1),
+        make_run("a", predictions_with_hits([13] * 8), seed=0, cost=3.0),
     ]
-    runs += [evaluated("b", with_hits(range(10, 18)))]
+    runs += [make_run("b", predictions_with_hits(range(10, 18)))]
     answer = replace(verdict(runs, {}), key="loso")
     data = json.loads(
-        gzip.decompress(base64.b64decode(packed(answer, {"a": "rf", "b": "mine.py:B"})))
+        gzip.decompress(base64.b64decode(page_data(answer, {"a": "rf", "b": "mine.py:B"})))
     )
     heads = [column["name"] for column in data["columns"]]
     cells, seeds = (dict(zip(heads, data[name], strict=True)) for name in ("cells", "seeds"))
@@ -182,16 +194,16 @@ def test_a_report_that_is_cut_off_leaves_the_earlier_one(quick, store, monkeypat
 
     with pytest.raises(InputError):  # nothing is tracked
         page.write_report(store, Path("report"))
-    tracked_run(store, "a", made_up(3))
+    tracked_run(store, "a", make_predictions(3))
     Path("report/figures").mkdir(parents=True)
     for name in ("9-old-speed.png", "mine.png"):
         Path("report/figures", name).touch()
     page.write_report(store, Path("report"))
     assert {"9-old-speed.png", "mine.png"} & {p.name for p in files()} == {"mine.png"}
     before = files()
-    tracked_run(store, "b", made_up(3, seed=1))
+    tracked_run(store, "b", make_predictions(3, seed=1))
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr(page, "latex", lambda _: (_ for _ in ()).throw(KeyboardInterrupt))
+        patch.setattr(page, "comparison_latex", lambda _: (_ for _ in ()).throw(KeyboardInterrupt))
         page.write_report(store, Path("report"))
     assert files() == before
     left = Path(
@@ -204,7 +216,7 @@ def test_a_report_that_is_cut_off_leaves_the_earlier_one(quick, store, monkeypat
 
 def test_p_values_compare_with_the_system_that_was_asked_for(quick, store):
     for i, name in enumerate("abc"):
-        tracked_run(store, name, with_hits(range(12 - i, 18 - i)))
+        tracked_run(store, name, predictions_with_hits(range(12 - i, 18 - i)))
     page.write_report(store, Path("report"), against="b")
     rows = pd.read_csv("report/statistics.csv").set_index("system")
     assert rows["difference"].tolist() == pytest.approx([5, 0, -5]) and np.isnan(rows.loc["b", "p"])
@@ -224,8 +236,8 @@ def test_p_values_compare_with_the_system_that_was_asked_for(quick, store):
 
 def test_the_footnote_of_reflex_stands_wherever_it_is_compared_on_haart(quick, store, capsys):
     for name, hits in (("reflex", range(12, 18)), ("svm · jung54", range(11, 17))):
-        tracked_run(store, name, with_hits(hits), **HAART, **typed(name))
-        keep(store, streamed(name))
+        tracked_run(store, name, predictions_with_hits(hits), **HAART, **typed(name))
+        keep(store, make_replay_run(name))
     words = "designed on seven of HAART's ten people"
     assert main(["choose", "data=haart"]) == 0 and words in capsys.readouterr().out
     page.write_report(store, Path("report"))
@@ -241,18 +253,21 @@ def test_the_footnote_of_reflex_stands_wherever_it_is_compared_on_haart(quick, s
             .str.contains("reflex")
         )
         assert rows["note"].str.contains(words).tolist() == about.tolist() and about.any(), name
-    runs = [evaluated("reflex", **HAART)]
-    assert printing.show(runs, [(views()["run"], runs)]) == 0 and words in capsys.readouterr().out
+    runs = [make_run("reflex", **HAART)]
+    assert (
+        printing.print_tables(runs, [(load_views()["run"], runs)]) == 0
+        and words in capsys.readouterr().out
+    )
     assert words in repr(bench.compare("reflex", "svm · jung54"))
 
 
 def test_one_subject_one_class_labels_only_folds_of_several_and_no_complete_run(quick, store):
     odd = [
-        made_up(1),
-        made_up(2, per_class=1, gestures=("only",)),
-        made_up(3, hard=True),
-        made_up(8, folds=4),
-        made_up(4),
+        make_predictions(1),
+        make_predictions(2, per_class=1, gestures=("only",)),
+        make_predictions(3, hard=True),
+        make_predictions(8, folds=4),
+        make_predictions(4),
     ]
     for protocol, predictions in enumerate(odd):
         for i in (0, 1):
@@ -274,7 +289,9 @@ def test_the_page_chooses_as_bench_choose_does_and_the_chart_marks_it(store, cap
         arguments = f'{{"data": "synth", "protocol": "loso", "model": "{system}"}}'
         about = {"touchbench.command": "run", "touchbench.arguments": arguments}
         results.append(
-            evaluated(system, made_up(8, skill=0.3 + 0.25 * i, seed=i), cost=10.0**i, **about)
+            make_run(
+                system, make_predictions(8, skill=0.3 + 0.25 * i, seed=i), cost=10.0**i, **about
+            )
         )
         keep(store, results[-1])
     for budget, system in (
@@ -283,24 +300,24 @@ def test_the_page_chooses_as_bench_choose_does_and_the_chart_marks_it(store, cap
     ):
         answer = verdict(results, budget)
         assert answer.choice.table["system"][answer.choice.chosen] == system in answer.lines[0]
-        words = [costs()[k].argument(v) for k, v in budget.items()]
+        words = [all_costs()[k].format_budget(v) for k, v in budget.items()]
         assert answer.command == " ".join(
             ["bench choose data=synth where=all protocol=loso", *words]
         )
         assert main([*answer.command.split()[1:], "why=yes"]) == 0
         printed = capsys.readouterr().out
         assert all(line in printed for line in answer.lines)
-    points = marks(
-        answer, {r.system: r["model_name"] for r in results}, {*published()["system"]}
+    points = chart_points(
+        answer, {r.system: r["model_name"] for r in results}, {*load_published()["system"]}
     ).set_index("name")
-    least = min(answer.among.subjects.loc[answer.choice.chosen])
+    least = min(answer.choice.candidates.subjects.loc[answer.choice.chosen])
     assert points.loc[points["chosen"], "worst_person"].tolist() == pytest.approx([least])
     assert points[["chosen", "out", "kind", "flash"]].T.to_dict("list") == {
         "svm": [False, False, "other", 4.0],
         "rf": [True, False, "other", 40.0],
         "ta2015_rf[trees=9]": [False, True, "changed", 400.0],
     }
-    other = evaluated("svm", made_up(8), corpus_digest="e" * 64)
+    other = make_run("svm", make_predictions(8), corpus_digest="e" * 64)
     assert (
         verdict([*results, other], {}).command == ""
     )  # its words would mean runs on another version of it, too

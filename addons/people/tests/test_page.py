@@ -5,27 +5,33 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from tests.results import evaluated, made_up, result
-from touchbench_people.page import WITHOUT, curve_of, curves_of, gained, new_person_section
+from tests.reading.results import make_predictions, make_result, make_run
+from touchbench_people.page import (
+    UNLABELLED,
+    accuracy_curve,
+    comparable_curves,
+    gain_sentence,
+    new_person_exhibits,
+)
 
 
 def test_gains_of_shots_are_paired_and_who_loses_is_named(monkeypatch):
     by_known = {
         "0": [80.0, 60, 70, 70, 70],
         "2": [90.0, 70, 65, 70, 80],
-        WITHOUT: [82.0, 58, 70, 70, 70],
+        UNLABELLED: [82.0, 58, 70, 70, 70],
     }
     results = []
     for known, accuracy in by_known.items():
         people = pd.DataFrame({"subject": [*"abcde"], "accuracy": np.array(accuracy) / 100})
         about = {
-            "protocol.shots": known.replace(WITHOUT, "0"),
-            "protocol.unlabelled": str(known == WITHOUT),
+            "protocol.shots": known.replace(UNLABELLED, "0"),
+            "protocol.unlabelled": str(known == UNLABELLED),
         }
-        results.append(result("s", tables={"per_subject": people}, **about))
-    long = curve_of(results)
+        results.append(make_result("s", tables={"per_subject": people}, **about))
+    long = accuracy_curve(results)
     curve = long.set_index("known")
-    assert curve.index.tolist() == ["0", WITHOUT, "2"] and curve[
+    assert curve.index.tolist() == ["0", UNLABELLED, "2"] and curve[
         "accuracy"
     ].tolist() == pytest.approx([70, 70, 75])
     gain = np.array([10.0, 10, -5, 0, 10])
@@ -33,13 +39,14 @@ def test_gains_of_shots_are_paired_and_who_loses_is_named(monkeypatch):
     assert curve.loc["2", ["gain", "gain_low", "gain_high"]].tolist() == pytest.approx(
         [5, low, high]
     )
-    assert curve.loc["2", "worse"] == "c (-5.0)" and curve.loc[WITHOUT, "worse"] == "b (-2.0)"
+    assert curve.loc["2", "worse"] == "c (-5.0)" and curve.loc[UNLABELLED, "worse"] == "b (-2.0)"
     change = f"2 labelled captures of each class change the accuracy of s by +5.0 [{low:+.1f}, {high:+.1f}]"
     for shown, words in ((long, change), (long[long["known"] != "2"], "")):
         monkeypatch.setattr(
-            "touchbench_people.page.curves_of", lambda _, shown=shown: [("here", {"s": shown})]
+            "touchbench_people.page.comparable_curves",
+            lambda _, shown=shown: [("here", {"s": shown})],
         )
-        assert words in gained([]) and bool(gained([])) == bool(words)
+        assert words in gain_sentence([]) and bool(gain_sentence([])) == bool(words)
 
 
 def test_runs_of_a_new_person_become_curves_with_those_that_are_drawn_alike():
@@ -63,19 +70,19 @@ def test_runs_of_a_new_person_become_curves_with_those_that_are_drawn_alike():
             "protocol.classes": "",
         }
         table, values = (
-            made_up(3, skill=0.5 + 0.1 * int(shots)),
+            make_predictions(3, skill=0.5 + 0.1 * int(shots)),
             f"[{shots}, {unlabelled}, {draws}]",
         )
         for protocol, members in (("personal", results), ("loso", others)):
             name = protocol + values
-            members.append(evaluated("lda", table, **about, protocol=name, protocol_label=name))
-    known = [by_system["lda"]["known"].tolist() for _, by_system in curves_of(results)]
-    assert known == [["0", WITHOUT, "1", "3"], ["0", WITHOUT, "1"]]
-    assert curves_of(results[:1]) == [] == curves_of(others)
-    table = new_person_section(results).parts[0].table
+            members.append(make_run("lda", table, **about, protocol=name, protocol_label=name))
+    known = [by_system["lda"]["known"].tolist() for _, by_system in comparable_curves(results)]
+    assert known == [["0", UNLABELLED, "1", "3"], ["0", UNLABELLED, "1"]]
+    assert comparable_curves(results[:1]) == [] == comparable_curves(others)
+    table = new_person_exhibits(results)[0].table
     assert table.texts[0]["gain"] == "-" and [row["shots"] for row in table.texts] == [
         "0",
-        WITHOUT,
+        UNLABELLED,
         "1",
         "3",
     ]

@@ -1,4 +1,4 @@
-"""Accuracy against captures of a new person, from runs of ``protocol=personal`` and ``protocol=transfer``."""
+"""Report section on captures of a new person, from runs of ``protocol=personal`` and ``transfer``."""
 
 from __future__ import annotations
 
@@ -8,163 +8,149 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from bench.reports.contexts import Part, Section, scarce
-from bench.values.intervals import interval
-from bench.values.measures import Measure, Row, text
-from bench.values.result import Result, notes_on
-from bench.values.sentences import sentences
-from bench.values.table import Table, rows_of
+from bench.reports.notes import few_subjects_notes
+from bench.reports.sections import Exhibit
+from bench.values.intervals import mean_interval
+from bench.values.measures import Measure, Row, text_measure
+from bench.values.result import Result, footnotes_of_system
+from bench.values.sentences import render_sentences
+from bench.values.table import Table, rows_of_frame
 
-WITHOUT = "no labels"  # where half of the person's captures are known without them
-SAME = (
-    "data",
-    "corpus_digest",
-    "subset",
-    "target",
-    "protocol_name",
-    "protocol.source",
-    "protocol.classes",
+UNLABELLED = "no labels"  # in place of shots: half of the person's captures, without labels
+COMPARED_KEYS = (
+    *("data", "corpus_digest", "subset", "target", "protocol_name"),
+    *("protocol.source", "protocol.classes", "protocol.seed"),
 )
-DRAWN = ("protocol.draws", "protocol.weight")  # which matter where there are shots
-PEOPLE = "People"  # heading
+DRAW_KEYS = ("protocol.draws", "protocol.weight")  # of runs with shots
+HEADING = "People"
+GAIN = Measure("gain", form="+.1f", ends="gain")
 COLUMNS = (
-    text("system"),
-    text("known", "shots"),
+    text_measure("system"),
+    text_measure("known", "shots"),
     Measure("accuracy", ends="accuracy"),
-    Measure("gain", form="+.1f", ends="gain"),
-    text("worse"),
+    GAIN,
+    text_measure("worse"),
 )
 CAPTION = (
-    "{}: accuracy in percent, mean over people with its 95 % t-interval, for each number of shots. gain: paired "
-    "difference to no shots, in points. worse: subjects with lower accuracy, and their loss in points."
+    "{}: accuracy in percent, mean over people with its 95 % t-interval, for each number of shots. "
+    "gain: paired difference to no shots, in points. worse: subjects with lower accuracy, and their "
+    "loss in points."
 )
-Curves = tuple[
-    str, dict[str, pd.DataFrame]
-]  # a set of comparable runs in words, and the curve of each system
+# Name of a set of comparable runs, and the curve of each system.
+Curves = tuple[str, dict[str, pd.DataFrame]]
 
 
 class NewPerson:
-    """What the report shows of runs of these protocols."""
+    """View of runs of these protocols."""
 
     key = "people"
 
-    def holds(self, result: Result) -> bool:
-        """Whether a run is of one of them."""
+    def applies_to(self, result: Result) -> bool:
+        """True if a run is of one of these protocols."""
         return "protocol.shots" in result
 
-    def section(self, results: Sequence[Result], folder: Path) -> Section | None:
-        """The section of the page."""
-        return new_person_section(results)
+    def make_exhibits(self, results: Sequence[Result], folder: Path) -> list[Exhibit]:
+        """Make a table for each set of comparable runs."""
+        exhibits = []
+        for context, curves in comparable_curves(results):
+            rows: list[Row] = []
+            for system, curve in curves.items():
+                renamed = curve.rename(columns={"low": "accuracy_low", "high": "accuracy_high"})
+                rows += [row | {"system": system} for row in rows_of_frame(renamed)]
+            data = context.split(",")[0]
+            remarks = [footnotes_of_system(str(row["system"]), data) for row in rows]
+            table, caption = Table(COLUMNS, rows, remarks=remarks), CAPTION.format(context)
+            notes, summary = few_subjects_notes(results), gain_sentence(results)
+            exhibits.append(Exhibit(HEADING, None, table, caption, notes, summary))
+        return exhibits
 
-    def sheets(self, results: Sequence[Result]) -> dict[str, pd.DataFrame]:
-        """No CSV file."""
+    def csv_tables(self, results: Sequence[Result]) -> dict[str, pd.DataFrame]:
+        """Return no table: this section has no CSV file."""
         return {}
 
 
-def curves_of(results: Sequence[Result]) -> list[Curves]:
-    """The curves of systems with at least two calibrations, for each set of comparable results; the best first."""
-    personal = [r for r in results if r["protocol_name"] in ("personal", "transfer") and r.complete]
-    sets = []
-    for part in comparable(personal):
-        first = part[-1]
-        data, subset, _ = first.context
-        skin = (
-            f" on another skin than {first['protocol.source']}"
-            if first["protocol_name"] == "transfer"
-            else ""
-        )
-        draws = f", {first['protocol.draws']} draws" if first["protocol.shots"] != "0" else ""
-        context = f"{data}{'' if subset == 'all' else f', {subset}'}, a new person{skin}{draws}"
+def comparable_curves(results: Sequence[Result]) -> list[Curves]:
+    """Curves of each set of comparable results, of systems with two calibrations, the best first."""
+    personal = [r for r in results if r["protocol_name"] in ("personal", "transfer")]
+    curves = []
+    for part in group_comparable_results([r for r in personal if r.is_complete]):
         by_system: dict[str, list[Result]] = {}
         for r in part:
             by_system.setdefault(r.system, []).append(r)
-        curves = {system: curve_of(members) for system, members in by_system.items()}
-        long = [system for system in curves if len(curves[system]) > 1]
-        if best := sorted(long, key=lambda s: -curves[s]["accuracy"].max()):
-            sets.append((context, {system: curves[system] for system in best}))
-    return sets
+        of_systems = {system: accuracy_curve(members) for system, members in by_system.items()}
+        systems = [system for system, curve in of_systems.items() if len(curve) > 1]
+        systems.sort(key=lambda system: -of_systems[system]["accuracy"].max())
+        if systems:
+            curves.append((_context(part[-1]), {name: of_systems[name] for name in systems}))
+    return curves
 
 
-def new_person_section(results: Sequence[Result]) -> Section | None:
-    """A table for each set of comparable runs with captures of a new person."""
-    parts = []
-    for context, curves in curves_of(results):
-        rows: list[Row] = []
-        for system, curve in curves.items():
-            named = curve.rename(columns={"low": "accuracy_low", "high": "accuracy_high"})
-            rows += [row | {"system": system} for row in rows_of(named)]
-        remarks = [notes_on(str(row["system"]), context.split(",")[0]) for row in rows]
-        parts.append(
-            Part(
-                None,
-                Table(COLUMNS, rows, remarks=remarks),
-                CAPTION.format(context),
-                scarce(results),
-            )
-        )
-    return Section(PEOPLE, parts, gained(results)) if parts else None
+def _context(result: Result) -> str:
+    """Captures and protocol of a result, in words."""
+    data, subset, _ = result.context
+    context = data if subset == "all" else f"{data}, {subset}"
+    context += ", a new person"
+    if result["protocol_name"] == "transfer":
+        context += f" on another skin than {result['protocol.source']}"
+    if result["protocol.shots"] != "0":
+        context += f", {result['protocol.draws']} draws"
+    return context
 
 
-def gained(results: Sequence[Result]) -> str:
-    """A sentence on the gain of the most accurate system from captures of a new person; empty without any."""
-    for context, by_system in curves_of(results):
+def gain_sentence(results: Sequence[Result]) -> str:
+    """Sentence on the gain of the most accurate system from captures of a person, or ""."""
+    for context, by_system in comparable_curves(results):
         system, curve = next(iter(by_system.items()))
-        row = curve[curve["known"] != WITHOUT].iloc[-1]
+        row = curve[curve["known"] != UNLABELLED].iloc[-1]
         if np.isfinite(row.get("gain", np.nan)):
-            gain = Measure("gain", form="+.1f", ends="gain").of(row)
-            told = {"context": context, "known": row["known"], "system": system, "gain": gain}
-            return sentences("touchbench_people", "people", "gained", **told)[0]
+            values = {"context": context, "known": row["known"], "system": system}
+            values["gain"] = GAIN.as_text(row)
+            return render_sentences("touchbench_people", "people", "gained", **values)[0]
     return ""
 
 
-def comparable(results: Sequence[Result]) -> list[list[Result]]:
-    """Results on the same captures whose shots are drawn alike, each with those without shots, which come first."""
-    sets: dict[tuple, list[Result]] = {}
-    for r in results:
-        sets.setdefault(tuple(str(r.get(name)) for name in (*SAME, "protocol.seed")), []).append(r)
-    parts = []
-    for part in sets.values():
-        alike: dict[tuple, list[Result]] = {}
-        for r in (r for r in part if r["protocol.shots"] != "0"):
-            alike.setdefault(tuple(str(r.get(name)) for name in DRAWN), []).append(r)
+def group_comparable_results(results: Sequence[Result]) -> list[list[Result]]:
+    """Group results on the same captures with shots drawn alike, after results without shots."""
+    groups = []
+    for part in _group_by(results, COMPARED_KEYS):
         without = [r for r in part if r["protocol.shots"] == "0"]
-        parts += [without + members for members in alike.values()] or [part]
-    return parts
+        with_shots = _group_by([r for r in part if r["protocol.shots"] != "0"], DRAW_KEYS)
+        groups += [without + members for members in with_shots] or [part]
+    return groups
 
 
-def curve_of(results: Sequence[Result]) -> pd.DataFrame:
-    """A row per calibration of a system, seeds averaged: accuracies of people, gains, who loses."""
-    by_known: dict[str, dict[str, Result]] = {}
+def _group_by(results: Sequence[Result], names: Sequence[str]) -> list[list[Result]]:
+    groups: dict[tuple, list[Result]] = {}
     for r in results:
-        known = WITHOUT if r["protocol.unlabelled"] == "True" else str(int(r["protocol.shots"]))
-        seeds = by_known.setdefault(known, {})
-        seeds.pop(r["seed"], None)  # the newest is the last one
-        seeds[r["seed"]] = r
-    people: dict[str, pd.Series] = {}
-    for known, newest in by_known.items():
-        accuracies = [pd.Series(r.people, dtype=float) for r in newest.values()]
-        if any(map(len, accuracies)):  # else its table is gone from the store
-            people[known] = pd.concat(accuracies, axis=1).mean(axis=1)
-    wide = pd.DataFrame(people).dropna()
+        groups.setdefault(tuple(str(r.get(name)) for name in names), []).append(r)
+    return list(groups.values())
+
+
+def accuracy_curve(results: Sequence[Result]) -> pd.DataFrame:
+    """A row per calibration of a system, seeds averaged: accuracy and gain, and who loses."""
+    newest: dict[tuple[str, str], Result] = {}
+    for r in results:
+        known = UNLABELLED if r["protocol.unlabelled"] == "True" else str(int(r["protocol.shots"]))
+        newest.pop((known, r["seed"]), None)  # the last one is the newest
+        newest[known, r["seed"]] = r
+    by_known: dict[str, list[pd.Series]] = {}
+    for (known, _), r in newest.items():
+        accuracies = pd.Series(r.accuracy_by_subject, dtype=float)
+        if len(accuracies):  # otherwise its table is no longer in the store
+            by_known.setdefault(known, []).append(accuracies)
+    means = {known: pd.concat(part, axis=1).mean(axis=1) for known, part in by_known.items()}
+    by_subject = pd.DataFrame(means).dropna()
     rows = []
-    for known in sorted(
-        wide if len(wide) else (), key=lambda known: 0.5 if known == WITHOUT else float(known)
-    ):
-        low, high = interval(wide[known].to_numpy())
-        row: dict[str, object] = {
-            "known": known,
-            "accuracy": wide[known].mean(),
-            "low": low,
-            "high": high,
-        }
-        if "0" in wide and known != "0":
-            gain = wide[known] - wide["0"]
-            low, high = interval(gain.to_numpy())
-            worse = gain[gain < 0].sort_values()
+    columns = by_subject.columns if len(by_subject) else []
+    for known in sorted(columns, key=lambda name: 0.5 if name == UNLABELLED else float(name)):
+        low, high = mean_interval(by_subject[known].to_numpy())
+        row = {"known": known, "accuracy": by_subject[known].mean(), "low": low, "high": high}
+        if "0" in by_subject and known != "0":
+            gain = by_subject[known] - by_subject["0"]
+            low, high = mean_interval(gain.to_numpy())
             row |= {"gain": gain.mean(), "gain_low": low, "gain_high": high}
-            row |= {
-                "worse": ", ".join(f"{who} ({points:.1f})" for who, points in worse.items())
-                or "nobody"
-            }
+            worse = gain[gain < 0].sort_values()
+            losses = [f"{subject} ({points:.1f})" for subject, points in worse.items()]
+            row["worse"] = ", ".join(losses) or "nobody"
         rows.append(row)
     return pd.DataFrame(rows)

@@ -23,7 +23,7 @@ from bench.running.results import FoldResult
 from bench.running.saved import Recogniser, load_recogniser
 from bench.store.client import connect
 from tests.conftest import predictions, random_corpus, runs
-from tests.results import result as result_of
+from tests.reading.results import make_result as result_of
 from touchbench_people.commands import save_adapted
 from touchbench_streams.detectors.frames import Frames
 from touchbench_streams.detectors.threshold import Threshold
@@ -145,7 +145,7 @@ def test_the_command_stores_what_it_prints_and_goes_on_with_a_detector_of_a_file
         and "already stored" in capsys.readouterr().err
         and len(runs("watch")[1]) == 1
     )
-    (sentence, *_) = watch_section(load_results(connect()), tmp_path, {}).parts[0].sentences
+    (sentence, *_) = watch_section(load_results(connect()), tmp_path, {})[0].sentences
     assert "detector=my.py:Mine[up=30.0]" in sentence and main(["report"]) == 0
 
 
