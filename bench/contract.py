@@ -1,20 +1,19 @@
 """The whole interface between harness and systems, built-in ones and others alike.
 
-A system is a scikit-learn classifier whose ``X`` is a `Corpus`; ``fit``, ``predict`` and ``classes_`` are all it needs.
-It is made by a *factory*, a class or a function whose keyword arguments are its parameters; an argument without a
-default is handed the feature set. A factory that gives a plain scikit-learn, XGBoost, LightGBM or CatBoost estimator is
-put behind the feature set.
+A system is a scikit-learn classifier whose ``X`` is a `Corpus`; ``fit``, ``predict`` and ``classes_``
+are all it needs. Its *factory*, a class or a function, makes it; keyword arguments of the factory are
+its parameters. An argument without a default receives the feature set. If a factory returns a plain
+scikit-learn, XGBoost, LightGBM or CatBoost estimator, it becomes the last step of a pipeline behind the
+feature set.
 
-A system may have more, under the names that stand here: plain attributes, each a `Hook` with the value that the harness
-assumes where a system has none, and methods, each with a function that calls it. Nowhere else is anything looked up by
-name.
+A system may offer further attributes and methods. Each has a function here, which returns its value or
+result, or the default for a system without it. Nothing else is looked up by name.
 """
 
 from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterator
-from copy import copy
 from dataclasses import dataclass
 from types import FunctionType
 from typing import Any, Generic, Protocol, TypeGuard, TypeVar
@@ -30,17 +29,12 @@ from bench.features.base import FeatureSet
 from bench.ground.registry import required_parameters
 from bench.models.space import Space
 
-SUM = 1e-3  # by which probabilities of a capture may miss a sum of 1: they may be float32, or printed and read
-TABLES = {
-    "sklearn",
-    "xgboost",
-    "lightgbm",
-    "catboost",
-    "imblearn",
-}  # packages whose estimators learn from tables
+# Probabilities of a capture may miss a sum of 1 by this much: they may be float32, or rounded text.
+SUM_TOLERANCE = 1e-3
+# Packages whose estimators learn from tables
+TABLE_PACKAGES = {"sklearn", "xgboost", "lightgbm", "catboost", "imblearn"}
 STARRED = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
 Value = TypeVar("Value")
-Part = TypeVar("Part")
 
 
 class System(Protocol):
@@ -69,23 +63,11 @@ class Features(Protocol):
 
 
 @dataclass(frozen=True)
-class Hook(Generic[Value]):
-    """An attribute that a system or another part may have, its type up to the author, and the value without it."""
-
-    name: str
-    default: Value
-
-    def __call__(self, part: object) -> Value:
-        """Its value for a part."""
-        return getattr(part, self.name, copy(self.default))
-
-
-@dataclass(frozen=True)
 class Method(Generic[Value]):
-    """A method that a part may have, and what is done without it.
+    """A method that a system or feature set may have, and what happens without it.
 
-    It is known by its name and the names of its parameters; further ones need a default. Anything else of this name is
-    the author's own: a number, a set, or a method with other parameters.
+    A method counts if its name and the names of its parameters agree; further parameters need a
+    default. Anything else of this name is the author's own: a number, a set, or another method.
     """
 
     name: str
@@ -93,85 +75,129 @@ class Method(Generic[Value]):
     default: Callable[..., Value]
 
     def __call__(self, part: object, *values: object) -> Value:
-        """Its result for a part."""
+        """Call the method of a part, or the default."""
         return (self.find_method(part) or self.default)(*values)
 
     def find_method(self, part: object) -> Callable[..., Value] | None:
-        """The method of a part, None for a part without it."""
+        """The method of a part; None for a part without it."""
         method = getattr(part, self.name, None)
         if not callable(method):
             return None
         try:
-            found = [*inspect.signature(method).parameters.values()]
-        except (TypeError, ValueError):  # of a callable without a signature
+            parameters = [*inspect.signature(method).parameters.values()]
+        except (TypeError, ValueError):  # a callable without a signature
             return None
         count = len(self.parameters)
-        same = tuple(p.name for p in found[:count]) == self.parameters
-        return (
-            method
-            if same and all(p.default is not p.empty or p.kind in STARRED for p in found[count:])
-            else None
-        )
+        if tuple(p.name for p in parameters[:count]) != self.parameters:
+            return None
+        further = parameters[count:]
+        return method if all(p.default is not p.empty or p.kind in STARRED for p in further) else None
 
 
 # Attributes of a factory
 
-packages: Hook[tuple[str, ...]] = Hook("packages", ())
-"""Distributions that this system alone depends on; their versions are part of a run's identity."""
-space: Hook[Space | None] = Hook("space", None)
-"""Values to search for each parameter, by `bench tune` without lists."""
+
+def packages(factory: Callable) -> tuple[str, ...]:
+    """``packages``: distributions that this system alone needs; their versions identify a run."""
+    return getattr(factory, "packages", ())
+
+
+def search_space(factory: Callable) -> Space | None:
+    """``space``: values of each parameter that `bench tune` searches if it is given no lists."""
+    return getattr(factory, "space", None)
+
 
 # Attributes of a system
 
-searches: Hook[bool] = Hook("searches", False)
-"""Whether it chooses its parameters itself, so that nothing else should."""
-trained_faults: Hook[tuple[str, ...]] = Hook("trained_faults", ())
-"""Names of the faults that copies of its training captures go through."""
+
+def searches_itself(estimator: System) -> bool:
+    """``searches``: True if it tunes itself; `bench tune` refuses it."""
+    return getattr(estimator, "searches", False)
+
+
+def trained_faults(estimator: System) -> tuple[str, ...]:
+    """``trained_faults``: names of the faults in copies of its training captures."""
+    return getattr(estimator, "trained_faults", ())
+
 
 # Attributes of a fitted system
 
-search_seconds: Hook[float | None] = Hook("search_seconds_", None)
-"""Seconds that its search took, also where part of it was stored before."""
-history: Hook[list[dict[str, float]]] = Hook("history_", [])
-"""Numbers by epoch, tracked as metrics with steps."""
-chosen: Hook[dict[str, object]] = Hook("chosen_", {})
-"""What it chose on its training part, by name."""
-trials: Hook[pd.DataFrame | None] = Hook("trials_", None)
-"""What it chose among, a row each."""
-members: Hook[list[System]] = Hook("members", [])
-"""Fitted systems that decide together."""
-learnt_numbers: Hook[int | None] = Hook("parameters_", None)
-"""Numbers that it has learnt, of a system or a feature set; `bench.models.sizes` counts those of a system without."""
-constants: Hook[int] = Hook("constants_", 0)
-"""Numbers that it must keep besides what it has learnt."""
-bytes_saved: Hook[int] = Hook("bytes_saved_", 0)
-"""Bytes fewer than four for each number, of a part that decides with weights of fewer bits."""
-numbers_in_memory: Hook[int | None] = Hook("activations_", None)
-"""Numbers in memory during one decision; of a classifier on features, besides features and scores."""
-learns: Hook[bool] = Hook("learns", True)
-"""Of a feature set: whether its values depend on training captures."""
+
+def search_seconds(estimator: System) -> float | None:
+    """``search_seconds_``: duration of its search, including parts that were stored before."""
+    return getattr(estimator, "search_seconds_", None)
+
+
+def history(estimator: System) -> list[dict[str, float]]:
+    """``history_``: numbers by epoch, tracked as metrics with steps."""
+    return getattr(estimator, "history_", [])
+
+
+def chosen_values(estimator: System) -> dict[str, object]:
+    """``chosen_``: parameters that it chose on its training part, by name."""
+    return getattr(estimator, "chosen_", {})
+
+
+def trials(estimator: System) -> pd.DataFrame | None:
+    """``trials_``: a row for each candidate of its search."""
+    return getattr(estimator, "trials_", None)
+
+
+def members(estimator: System) -> list[System]:
+    """``members``: fitted systems whose predictions it combines."""
+    return getattr(estimator, "members", [])
+
+
+def learnt_numbers(part: object) -> int | None:
+    """``parameters_``: how many numbers a system or feature set learnt; None: counted by ``sizes``."""
+    return getattr(part, "parameters_", None)
+
+
+def constants(part: object) -> int:
+    """``constants_``: how many numbers it must store besides those that it learnt."""
+    return getattr(part, "constants_", 0)
+
+
+def bytes_saved(part: object) -> int:
+    """``bytes_saved_``: bytes below four for each number, of a part with weights of fewer bits."""
+    return getattr(part, "bytes_saved_", 0)
+
+
+def numbers_in_memory(part: object) -> int | None:
+    """``activations_``: numbers in memory during one prediction.
+
+    Those of a classifier on features do not include the features and the scores.
+    """
+    return getattr(part, "activations_", None)
+
+
+def learns(feature_set: object) -> bool:
+    """``learns``: False if the values of a feature set do not depend on training captures."""
+    return getattr(feature_set, "learns", True)
 
 
 # Before a run
 
 
-check: Method[None] = Method("check", (), lambda: None)
+check_parameters: Method[None] = Method("check", (), lambda: None)
 """Raises an `InputError` for parameters that cannot be, of a system or a feature set."""
 check_training: Method[None] = Method("check_training", ("X", "y"), lambda X, y: None)
 """Raises an `InputError` for a training part that it cannot learn from."""
-seen_by_features: Method[list[Corpus]] = Method("seen", ("X",), lambda X: [X])
+input_of_features: Method[list[Corpus]] = Method("seen", ("X",), lambda X: [X])
 """The input of its feature sets, in training and prediction; by default the captures unchanged."""
-kept_before: Method[int] = Method("keeps_before", ("taxels",), lambda taxels: 0)
+memory_before: Method[int] = Method("keeps_before", ("taxels",), lambda taxels: 0)
 """Numbers in memory for the steps before the system."""
-kept: Method[int] = Method("keeps", ("frames", "taxels"), lambda frames, taxels: frames * taxels)
+memory_of_features: Method[int] = Method(
+    "keeps", ("frames", "taxels"), lambda frames, taxels: frames * taxels
+)
 """Of a feature set: numbers in memory while it is computed; by default the capture."""
-LENGTH: Method[Any] = Method("length", ("rate_hz",), lambda rate_hz: None)
-DECIDE: Method[Any] = Method("decide", ("X",), lambda X: None)
+LENGTH_METHOD: Method[Any] = Method("length", ("rate_hz",), lambda rate_hz: None)
+DECIDE_METHOD: Method[Any] = Method("decide", ("X",), lambda X: None)
 
 
 def window_frames(estimator: System, rate_hz: float) -> int | None:
     """``length(rate_hz)``: frames that it sees at once, or its parameter ``frames``; None for one without windows."""
-    if length := LENGTH.find_method(estimator):
+    if length := LENGTH_METHOD.find_method(estimator):
         try:
             frames = length(rate_hz)
         except InputError:
@@ -261,7 +287,7 @@ def blind_captures(estimator: System, X: Part) -> Part:
 
 def decides_often(estimator: System) -> bool:
     """Return True if it has ``decide``, and so may decide more than once per capture."""
-    return DECIDE.find_method(estimator) is not None
+    return DECIDE_METHOD.find_method(estimator) is not None
 
 
 def abstention_label(estimator: System) -> str | None:
@@ -286,7 +312,7 @@ def predict_decisions(estimator: System, X: Corpus) -> tuple[pd.DataFrame, np.nd
         PredictionError: a label is no class, or probabilities are none.
     """
     X = blind_captures(estimator, X)
-    if method := DECIDE.find_method(estimator):
+    if method := DECIDE_METHOD.find_method(estimator):
         table, proba = method(X)
         return table, check_probabilities(estimator, proba, len(table), "decide")
     return pd.DataFrame(
@@ -339,7 +365,7 @@ def check_probabilities(estimator: System, proba: Any, rows: int, method: str) -
             f"{method} gives probabilities of shape {proba.shape} for {shape} decisions and classes_"
         )
     total, least = proba.sum(axis=1), proba.min(axis=1)
-    sound = (least >= -SUM) & (np.abs(total - 1) <= SUM)
+    sound = (least >= -SUM_TOLERANCE) & (np.abs(total - 1) <= SUM_TOLERANCE)
     if sound.all():
         return proba
     if (
@@ -347,7 +373,7 @@ def check_probabilities(estimator: System, proba: Any, rows: int, method: str) -
     ):  # windows of a capture on which it abstains leave a sum below 1
         proba = np.where(np.isnan(proba).all(axis=1, keepdims=True), 0, proba)
         total = proba.sum(axis=1)
-        sound = (proba.min(axis=1) >= -SUM) & (total <= 1 + SUM)
+        sound = (proba.min(axis=1) >= -SUM_TOLERANCE) & (total <= 1 + SUM_TOLERANCE)
     if (wrong := ~sound).any():
         if not np.isfinite(proba[wrong]).all():
             raise PredictionError(
@@ -427,7 +453,7 @@ def _is_tabular(kind: type) -> bool:
     """Whether a class, or one it is derived from, is of a package whose estimators learn from tables."""
     modules = [each.__module__ for each in kind.__mro__]
     return any(
-        m.split(".")[0] in TABLES and not m.startswith(("sklearn.base", "sklearn.utils"))
+        m.split(".")[0] in TABLE_PACKAGES and not m.startswith(("sklearn.base", "sklearn.utils"))
         for m in modules
     )
 

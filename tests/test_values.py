@@ -61,7 +61,7 @@ ROW = {
     ],
 )
 def test_a_measure_reads_and_writes_a_value(measure, cell, words):
-    assert measure.cell(ROW) == cell and measure.of(ROW) == words
+    assert measure.value_of_row(ROW) == cell and measure.as_text(ROW) == words
 
 
 def test_costs_have_their_budgets_units_and_lines():

@@ -43,10 +43,19 @@ def registered_parts(group: str) -> dict[str, str]:
 
     The name of a group may also be that of a package that lists its ``PARTS``.
     """
-    package = PACKAGES.get(group, group if "." in group else f"bench.{group}")
-    own = importlib.import_module(package).PARTS
+    own = _import_group(group).PARTS
     added = _entry_points().select(group=f"touchbench.{group}")
     return own | {point.name: point.value for point in added if point.name not in own}
+
+
+def _import_group(group: str) -> Any:
+    name = PACKAGES.get(group, group if "." in group else f"bench.{group}")
+    return importlib.import_module(name)
+
+
+def notes_by_design(group: str) -> dict[str, tuple[str, str]]:
+    """Built-in parts that were designed on a corpus: the corpus, and a note for results on it."""
+    return getattr(_import_group(group), "DESIGNED_ON", {})
 
 
 def load_part(group: str, name: str) -> Any:

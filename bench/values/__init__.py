@@ -1,1 +1,1 @@
-"""Values that both halves know: measures, results, scores, intervals, tables."""
+"""Values of runs that both halves use: results, scores, intervals, measures and their tables."""

@@ -1,13 +1,13 @@
-"""Measures: every number that is tracked, printed or chosen by, with all that is known of it, once.
+"""Measures: each number that is tracked, printed or chosen by, described once.
 
-A `Measure` is a column of tables; a `Cost` is one by which systems are chosen. `all_costs` has all costs: those of
-circumstances and studies stand in their views. Budgets, ``by=``, help, scene files, chart axes, sentences and columns
-read them. Nothing heavy is imported, so that help comes at once.
+A `Measure` is a column of tables. A `Cost` is a measure by which systems are chosen: budgets,
+``by=``, help, scene files, chart axes, sentences and columns read it. `all_costs` also has those
+that views of circumstances declare. Nothing heavy is imported, so that help comes at once.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, NamedTuple
@@ -15,16 +15,16 @@ from typing import Any, NamedTuple
 from bench.errors import InputError
 from bench.ground.registry import views_of_circumstances, views_of_runs
 from bench.ground.typed import UNITS, parse_amount
+from bench.values.result import Row as Row
 
-Row = Mapping[str, Any]  # of a run or of a table: values by name; nan or None for what is unknown
 UNKNOWN = "-"  # printed for an unknown value
 OUTPUTS = ("terminal", "page", "latex", "csv")
-TEXT, CODE = "text", "code"  # forms of what is no number
-EVERY = ("captures", "studies")  # what runs are on
+TEXT, CODE = "text", "code"  # forms of values that are no numbers
+EVERY = ("captures", "studies")  # all kinds of run
 
 
 class Interval(NamedTuple):
-    """A number with the ends of its 95 % confidence interval; without a lower end, the other is an upper limit."""
+    """A number with its 95 % confidence interval; ``low`` is None if ``high`` is an upper limit."""
 
     value: float
     low: float | None
@@ -36,38 +36,36 @@ Form = str | Callable[[float], str]
 
 
 def to_percent(value: float) -> float:
-    """A share in percent."""
+    """Convert a share to percent."""
     return 100 * value
 
 
 def to_thousands(value: float) -> float:
-    """A number in thousands: by division, as 90.064 is not 90064 * 0.001."""
+    """Convert to thousands, by division, as 90.064 is not 90064 * 0.001."""
     return value / 1000
 
 
 @dataclass(frozen=True)
 class Measure:
-    """A column: a number of a run, or of a row of a table, and how it is shown."""
+    """A column of a table: a value of each run, and its format."""
 
     key: str  # name in tables of numbers (CSV, Python)
     heading: str = ""  # heading of its column; empty for the key
     # name of the value in a row, several names, or a function of the row; empty for the key
     source: str | tuple[str, ...] | Callable[[Any], Value] = ""
-    # format of a number, a function that writes it, or ``text`` or ``code`` (a command), which stand left
+    # format of a number, a function that formats it, or ``text`` or ``code`` (a command)
     form: Form = ".1f"
     scale: Callable[[float], float] | None = None  # turns the stored into the shown number
-    ends: str = ""  # beginning of the names ``<ends>_low`` and ``<ends>_high`` of its interval; empty without one
+    ends: str = ""  # its interval is ``<ends>_low`` and ``<ends>_high``; empty without one
     join: str = " / "  # text between several numbers
-    # 0 for a column that every table shows; else a narrow terminal leaves out the highest first, and a column without
-    # any value is not shown
+    # 0: every table shows it; else a narrow terminal leaves out the highest first, and a column
+    # without any value is not shown
     spare: int = 0
-    shows: tuple[str, ...] = (
-        "terminal",
-        "page",
-    )  # outputs that have this column: terminal, page, latex, csv
-    # unit of the shown number, where its key does not name it; one of `bench.ground.typed.UNITS` is typed with budgets
+    shows: tuple[str, ...] = ("terminal", "page")  # its outputs, some of `OUTPUTS`
+    # unit of the shown number, if its key does not name it; one of `bench.ground.typed.UNITS` is
+    # typed with budgets
     unit: str = ""
-    meaning: str = ""  # meaning of a number that runs track, in words; empty for any other
+    meaning: str = ""  # of a number that runs track; empty for any other
 
     @property
     def name(self) -> str:
@@ -76,7 +74,7 @@ class Measure:
 
     @property
     def source_name(self) -> str:
-        """Name of the one stored value that it reads; empty where it reads several."""
+        """Name of the stored value that it reads; empty if it reads several or none."""
         return (self.source or self.key) if isinstance(self.source, str) else ""
 
     @property
@@ -97,35 +95,30 @@ class Measure:
         low, high = (self._scale(row.get(f"{self.ends}_{side}")) for side in ("low", "high"))
         return value if high is None else Interval(value, low, high)
 
-    def format_value(self, cell: Value) -> str:
-        """A value as text."""
-        if cell is None:
-            return UNKNOWN
-        if isinstance(cell, str):
-            return cell
-        if isinstance(cell, Interval):
-            low = "at most " if cell.low is None else f"{self._format_number(cell.low)}, "
-            return f"{self._format_number(cell.value)} [{low}{self._format_number(cell.high)}]"
-        if isinstance(cell, tuple):
-            cell = (
-                cell[:1] if all(v is None for v in cell[1:]) else cell
-            )  # such as a mean without its SD
-            return self.join.join(UNKNOWN if v is None else self._format_number(v) for v in cell)
-        return self._format_number(cell)
+    def value_as_text(self, value: Value) -> str:
+        """Format a value."""
+        if isinstance(value, Interval):
+            low = "at most " if value.low is None else f"{self._format_number(value.low)}, "
+            return f"{self._format_number(value.value)} [{low}{self._format_number(value.high)}]"
+        if isinstance(value, tuple):
+            if all(number is None for number in value[1:]):  # such as a mean without its SD
+                value = value[:1]
+            return self.join.join(map(self._format_number, value))
+        return self._format_number(value)
 
     def as_text(self, row: Row) -> str:
-        """Its value in a row as text."""
-        return self.format_value(self.value_of_row(row))
+        """Format its value in a row."""
+        return self.value_as_text(self.value_of_row(row))
 
     def _scale(self, stored: Any) -> Any:
         value = value_or_none(stored)
-        return (
-            value
-            if value is None or isinstance(value, str) or self.scale is None
-            else self.scale(value)
-        )
+        if value is None or isinstance(value, str) or self.scale is None:
+            return value
+        return self.scale(value)
 
-    def _format_number(self, value: float | str) -> str:
+    def _format_number(self, value: float | str | None) -> str:
+        if value is None:
+            return UNKNOWN
         if isinstance(value, str):
             return value
         return format(value, self.form) if isinstance(self.form, str) else self.form(value)
@@ -133,21 +126,23 @@ class Measure:
 
 @dataclass(frozen=True)
 class Cost(Measure):
-    """A measure by which systems are chosen, with its budget: ``max_<key>``, or ``min_<key>`` if more is better."""
+    """A measure by which systems are chosen; its budget is ``max_<key>``, or ``min_<key>``."""
 
-    help: str = ""  # help of its budget
+    help: str = ""  # of its budget
     better: str = "low"  # ``low`` or ``high``
     noun: str = ""  # name in a sentence; empty for the key with spaces
-    phrase: str = ""  # words behind an amount of it; empty for "of" and the noun
+    phrase: str = ""  # words behind an amount; empty for "of" and the noun
     axis: str = ""  # label of its axis in figures; empty for the noun and the unit
-    why_unknown: str = "it was not measured"  # reason why it may be unknown
-    section: str = "budget"  # section of its budget in a scene file; with another key than this one, ``section.key``
-    # runs that have it: those on ``captures``, of all ``studies``, or of those that it names
+    why_unknown: str = "it was not measured"
+    section: str = "budget"  # of its line in a scene file; ``section.key`` for another key there
+    # runs that have it: those on ``captures``, those of all other kinds (``studies``), or the named
     measured_on: tuple[str, ...] = EVERY
-    command: str = ""  # command that measures it, with its arguments; empty for any. ``{faults}`` are those that count
-    # its amount [candidates] of a cost that depends on which people `bench.reading.candidates.Candidates` has
+    # command that measures it, with its arguments; empty for any; ``{faults}``: those that count
+    command: str = ""
+    # from `bench.reading.candidates.Candidates` to amounts [candidates], of a cost of its people
     of_people: Callable[[Any], Any] | None = None
-    at_clock: str = ""  # cost to which its thousands add milliseconds at the clock of the target in MHz; empty for none
+    # cost to which its thousands add milliseconds, by the clock of the target in MHz
+    at_clock: str = ""
 
     def __post_init__(self) -> None:
         """Fill in the words that were left out."""
@@ -158,7 +153,7 @@ class Cost(Measure):
 
     @property
     def title(self) -> str:
-        """Its name in tables and verdicts."""
+        """Name in tables and verdicts."""
         return self.key.replace("_", " ")
 
     @property
@@ -168,7 +163,7 @@ class Cost(Measure):
 
     @property
     def best_word(self) -> str:
-        """The best amount in words."""
+        """Adjective of the best amount."""
         return "lowest" if self.better == "low" else "highest"
 
     @property
@@ -179,53 +174,48 @@ class Cost(Measure):
 
     @property
     def is_fault_loss(self) -> bool:
-        """True for points lost, which are taken over the faults of the choice."""
+        """True for points lost under faults, which a choice selects."""
         return self.scene_line[0] == "faults"
 
     @property
     def is_linear(self) -> bool:
-        """True for a linear axis in figures, and a budget that may be 0."""
+        """True if its axis in figures is linear and its budget may be 0."""
         return self.unit in ("%", "points")
 
-    def parse_budget(self, given: object) -> float:
-        """A typed budget; an `InputError` if it is no amount of this cost."""
-        value = parse_amount(self.budget_key, given, self.unit, self.is_linear)
-        if self.unit == "%" and value > 100:
-            raise InputError(f"{self.budget_key}={given}: give a number from 0 to 100")
-        return value
+    def parse_budget(self, value: object) -> float:
+        """Read a typed budget; an `InputError` if it is no amount of this cost."""
+        budget = parse_amount(self.budget_key, value, self.unit, self.is_linear)
+        if self.unit == "%" and budget > 100:
+            raise InputError(f"{self.budget_key}={value}: give a number from 0 to 100")
+        return budget
 
     def format_budget(self, value: float) -> str:
-        """A budget as it is typed."""
+        """Write a budget as it is typed."""
         return f"{self.budget_key}={value:g}{self.unit if self.unit in UNITS else ''}"
 
     def as_burden(self, amount: Any) -> Any:
-        """An amount, or an array of them, turned so that less is better."""
+        """Turn an amount, or an array of them, so that less is better."""
         return amount if self.better == "low" else -amount
 
     def format_amount(self, value: float) -> str:
-        """An amount with its unit, as people read it."""
+        """Write an amount with its unit for people."""
         if not abs(value) < float("inf"):
             return UNKNOWN
-        return (
-            f"{value:.3g} {self.unit}".rstrip()
-            if value < 100
-            else f"{value:.0f} {self.unit}".rstrip()
-        )
+        number = f"{value:.3g}" if value < 100 else f"{value:.0f}"
+        return f"{number} {self.unit}".rstrip()
 
     def format_two_amounts(self, one: float, other: float) -> tuple[str, str]:
-        """Two amounts with enough digits to differ."""
-        texts, digits = (self.format_amount(one), self.format_amount(other)), 4
-        while texts[0] == texts[1] and one != other and digits < 17:
-            texts = (
-                f"{one:.{digits}g} {self.unit}".rstrip(),
-                f"{other:.{digits}g} {self.unit}".rstrip(),
-            )
+        """Write two amounts with enough digits to differ."""
+        first, second, digits = self.format_amount(one), self.format_amount(other), 4
+        while first == second and one != other and digits < 17:
+            first = f"{one:.{digits}g} {self.unit}".rstrip()
+            second = f"{other:.{digits}g} {self.unit}".rstrip()
             digits += 1
-        return texts
+        return first, second
 
 
 def value_or_none(value: Any) -> Any:
-    """A value, or None for one that is unknown: None, NaN, or a missing value of pandas."""
+    """Replace an unknown value, such as NaN or a missing value of pandas, by None."""
     try:
         return None if value is None or value != value else value
     except TypeError:  # pandas.NA is neither equal nor unequal to itself
@@ -233,29 +223,29 @@ def value_or_none(value: Any) -> Any:
 
 
 def percent_measure(key: str, heading: str = "", source: str = "", **more: Any) -> Measure:
-    """A stored share, shown in percent."""
+    """A measure of a stored share, shown in percent."""
     return Measure(key, heading, source, scale=to_percent, unit="%", **more)
 
 
 def text_measure(
     key: str, heading: str = "", source: str | Callable[[Any], Value] = "", **more: Any
 ) -> Measure:
-    """Text, aligned left."""
+    """A measure of text, aligned left."""
     return Measure(key, heading, source, TEXT, **more)
 
 
 def format_p_value(value: float) -> str:
-    """A p-value."""
+    """Write a p-value."""
     return "< 0.001" if value < 0.001 else f"{value:.3f}"
 
 
 def format_thousands(value: float) -> str:
-    """A whole number with spaces between the thousands."""
+    """Write a whole number with spaces between the thousands."""
     return f"{value:,.0f}".replace(",", " ")
 
 
 def format_three_digits(value: float) -> str:
-    """A number with three digits that count."""
+    """Write a number with three significant digits."""
     return f"{value:.3g}" if value < 100 else format_thousands(value)
 
 
@@ -301,7 +291,7 @@ OF_SYSTEMS = (  # costs of every run
         shows=(),
     ),
 )
-WORST_PEOPLE = {  # key: whose accuracy it is, and how many people of some are counted
+WORST_PEOPLE = {  # key: whose accuracy it is, and how many people they are
     "worst_person": ("the worst person", lambda people: 1),
     "worst_tenth": ("the worst tenth of people", lambda people: -(-people.subjects.shape[1] // 10)),
 }
@@ -313,7 +303,7 @@ OF_PEOPLE = tuple(
         phrase=f"correct for {who}",
         axis=f"% of captures correct for {who}",
         help=f"lowest {'mean ' * ('people' in who)}accuracy of {who}, in percent",
-        of_people=lambda people, count=count: people.lowest(count(people)),
+        of_people=lambda people, count=count: people.mean_of_lowest(count(people)),
     )
     for key, (who, count) in WORST_PEOPLE.items()
 )
@@ -321,27 +311,24 @@ OF_PEOPLE = tuple(
 
 @cache
 def all_costs() -> dict[str, Cost]:
-    """All costs by name: of every run, of circumstances, of people and of studies."""
-    of_circumstances, of_runs = (
-        [cost for view in each for cost in view.costs]
-        for each in (views_of_circumstances(), views_of_runs().values())
-    )
-    every: dict[str, Cost] = {}
+    """All costs by key: of every run, of circumstances, of people and of other kinds of run."""
+    of_circumstances = [cost for view in views_of_circumstances() for cost in view.costs]
+    of_runs = [cost for view in views_of_runs().values() for cost in view.costs]
+    costs: dict[str, Cost] = {}
     for cost in (*OF_SYSTEMS, *of_circumstances, *OF_PEOPLE, *of_runs):
-        if cost.key in every or cost.scene_line in {other.scene_line for other in every.values()}:
-            raise InputError(
-                f"two costs have the key {cost.key} or its line in scenes; remove the package of one"
-            )
-        every[cost.key] = cost
-    return every
+        if cost.key in costs or cost.scene_line in {c.scene_line for c in costs.values()}:
+            clash = f"two costs have the key {cost.key} or its line in scenes"
+            raise InputError(f"{clash}; remove the package of one")
+        costs[cost.key] = cost
+    return costs
 
 
-def costs_of_study(study: str) -> dict[str, Cost]:
-    """The costs of the runs of a study, or of those on captures."""
-    named = {study, "studies"} if study else {"captures"}
-    return {k: c for k, c in all_costs().items() if named & {*c.measured_on}}
+def costs_of_run_kind(kind: str) -> dict[str, Cost]:
+    """Costs that runs of a kind measure; without a kind, those of runs on captures."""
+    names = {kind, "studies"} if kind else {"captures"}
+    return {k: c for k, c in all_costs().items() if names & {*c.measured_on}}
 
 
 def costs_by_budget() -> dict[str, Cost]:
-    """Costs by the key of their budget."""
+    """All costs by the key of their budget."""
     return {cost.budget_key: cost for cost in all_costs().values()}

@@ -1,7 +1,7 @@
-"""A finished run as a value, what may be compared with it, and how tables name it.
+"""A finished run as a value, which runs may be compared, and what tables say about a system.
 
-The loop makes a `Result` from the folds, `bench.reading.runs.load_results_on_captures` from MLflow. Comparison, statistics, choice,
-gate and page take results and nothing else. It is a mapping of tags, parameters and numbers by name.
+`bench.running` makes a `Result` from folds; `bench.reading.runs` loads it from MLflow. All code
+that compares, chooses or prints takes results and nothing else.
 """
 
 from __future__ import annotations
@@ -12,116 +12,137 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from bench.errors import InputError
+from bench.ground.registry import notes_by_design
 
 if TYPE_CHECKING:
     import numpy as np
     import pandas as pd
 
-BATCH_TAG, CONDITIONS_TAG = "touchbench.depends_on_batch", "touchbench.conditions"  # tags of a run
+# Tags of a run
+BATCH_TAG, CONDITIONS_TAG = "touchbench.depends_on_batch", "touchbench.conditions"
+FAILED_TAG = "touchbench.failed"  # circumstances that failed in a fold
+COMPARISON_TAGS = ("data", "corpus_digest", "subset", "target", "protocol_label")
+REPETITION_TAGS = (
+    "protocol",
+    "system",
+    "seed",
+)  # equal in repetitions of a run, as are those above
 BATCH_MARK = "\N{DAGGER}"  # behind the name of a system whose predictions depend on the batch
 BATCH_NOTE = (
     f"{BATCH_MARK} predictions depend on other test captures; not compared with other systems"
 )
 MIXED_MARK = "\N{DOUBLE DAGGER}"  # behind a protocol that mixes subjects
-MIXED_NOTE = "Training and test captures come from the same subjects: expect lower accuracy for a new person."
-DESIGNED = (
-    "The systems reflex, touchnet and rocket and the features touch were designed on seven of HAART's ten people, the "
-    "training subjects of its challenge split. LOSO tests on these seven, too."
+MIXED_NOTE = (
+    "Training and test captures come from the same subjects: "
+    "expect lower accuracy for a new person."
 )
-MAYBE_TWICE = (
+JOINED_NOTE = (
     "Whether a person is in more than one of the joined corpora is unknown; each counts as another."
 )
-Row = Mapping[
-    str, Any
-]  # of a run: tags and parameters, which are text, and metrics; nan for what it has not
-COMPARISON_TAGS = (
-    "data",
-    "corpus_digest",
-    "subset",
-    "target",
-    "protocol_label",
-)  # tags, with the digest of the parameters
-REPETITION_TAGS = ("protocol", "system", "seed")  # besides, what makes two runs repetitions of one
-FAILED_TAG = "touchbench.failed"  # of a run: circumstances that failed in a fold
-LABELS_TABLE = "labels"  # of a run: labels in the cases of circumstances
+LABELS_TABLE = "labels"  # labels in the cases of circumstances
 FOLD_COUNTS = ("folds", "folds_failed")  # numbers that every result has
-KEPT_ROWS = 1000  # rows of a table that stays in memory once it was read
+KEPT_ROWS = 1000  # a table of a run stays in memory if it has at most so many rows
+
+# Tags and parameters of a run, which are text, and its metrics; NaN for a missing one
+Row = Mapping[str, Any]
 
 
 def footnotes_of_system(system: str, data: str) -> list[str]:
-    """The footnotes of a system that a table names."""
-    ours = re.search(r"(?<![\w.])(reflex|rocket|touch|touchnet)(?![\w.])", system) is not None
-    designed = ours and any(part.split("-")[0] == "haart" for part in data.split("+"))
-    return (
-        [DESIGNED] * designed
-        + [MAYBE_TWICE] * ("+" in data)
-        + [BATCH_NOTE] * system.endswith(BATCH_MARK)
-    )
-
-
-def values_to_agree(run: Row, names: Iterable[str] = ()) -> tuple[str, ...]:
-    """What must agree for two runs to be compared: captures, protocol, and parameters such as the way of replay."""
-    return tuple(str(run.get(name, "")) for name in (*COMPARISON_TAGS, *names))
-
-
-def setting_phrases(run: Row, same: Mapping[str, tuple[str, str]]) -> list[str]:
-    """Further parameters that must agree, in words; those with their usual value are left out."""
-    values = {name: str(run.get(name, "")) for name in same}
+    """Footnotes for the name of a system in a table of runs on ``data``."""
+    corpora = {name.split("-")[0] for name in data.split("+")}
+    notes = [note for corpus, note in _notes_by_design(system) if corpus in corpora]
     return [
-        words.format(values[name])
-        for name, (words, usual) in same.items()
-        if values[name] not in ("", usual)
+        *dict.fromkeys(notes),
+        *[JOINED_NOTE] * ("+" in data),
+        *[BATCH_NOTE] * system.endswith(BATCH_MARK),
     ]
 
 
+def _notes_by_design(system: str) -> list[tuple[str, str]]:
+    """The corpora on which registered parts of a system were designed, with a note.
+
+    The name of a part of a user's file has a dot, unless no part of its group has this name. The
+    name of an object has parentheses.
+    """
+    registered = r"(?<![\w.])(\w+)(?![\w.(])"
+    model = re.match(rf"(?:tuned )?{registered}", system)
+    further = re.findall(registered, system[model.end() :] if model else system)
+    designed = {group: notes_by_design(group) for group in ("models", "features")}
+    names = [("models", model[1])] if model else []
+    names += [(group, name) for name in further for group in designed]
+    return [designed[group][name] for group, name in names if name in designed[group]]
+
+
+def values_to_agree(run: Row, parameters: Iterable[str] = ()) -> tuple[str, ...]:
+    """Values that two runs share if they may be compared: captures, protocol, some parameters."""
+    return tuple(str(run.get(name, "")) for name in (*COMPARISON_TAGS, *parameters))
+
+
+def setting_phrases(run: Row, settings: Mapping[str, tuple[str, str]]) -> list[str]:
+    """Describe parameters that compared runs share: name -> (format, value that is left out)."""
+    phrases = []
+    for name, (phrase, usual) in settings.items():
+        if (value := str(run.get(name, ""))) not in ("", usual):
+            phrases.append(phrase.format(value))
+    return phrases
+
+
 def seed_number(seed: str) -> int:
-    """A tracked seed as a number to sort by, 0 for a system that has none."""
+    """A tracked seed as a number to sort by; 0 for a system without one."""
     return int(seed) if seed.lstrip("-").isdecimal() else 0
 
 
 def format_count(number: int, noun: str) -> str:
-    """A number with its noun, in the plural unless it is 1."""
+    """Write a number with its noun, in the plural unless it is 1."""
     return f"{number} {noun}{'s' if number != 1 else ''}"
 
 
 class RunTables(Mapping[str, "pd.DataFrame"]):
-    """The tables of a run by name, such as ``predictions`` or ``per_subject``; each is read when it is asked for."""
+    """Tables of a run by name, such as ``predictions`` or ``per_subject``, each read when needed.
+
+    Args:
+        tables: those in memory.
+        read: from a name, and optionally some columns, to a table; None for an unknown name.
+        missing: end of the message about a missing table, after ``<table> of``.
+        list_names: lists the tables that are not in memory.
+    """
 
     def __init__(
         self,
-        kept: Mapping[str, pd.DataFrame],
-        # a table, or some of its columns, None where there is none of its name
+        tables: Mapping[str, pd.DataFrame],
         read: Callable[..., Any] = lambda name, columns=(): None,
-        missing: str = "this run is missing; run it again",  # behind ``<table> of``
-        names: Callable[[], Iterable[str]] = tuple,  # of the tables that are not in memory
+        missing: str = "this run is missing; run it again",
+        list_names: Callable[[], Iterable[str]] = tuple,
     ) -> None:
-        self._kept, self._read, self._names, self.missing = dict(kept), read, names, missing
+        self._tables, self.missing = dict(tables), missing
+        self._read, self._list_names = read, list_names
 
     def __getitem__(self, name: str) -> pd.DataFrame:
-        """A table; an `InputError` where it is not there."""
+        """A table; an `InputError` if it is missing."""
         if (table := self.get(name)) is None:
             raise InputError(f"{name} of {self.missing}")
         return table
 
     def get(self, name: str, default: Any = None) -> Any:
-        """A table, or the default where there is none of its name."""
-        table = self._kept.get(name)
-        if table is None and (table := self._read(name)) is not None and len(table) <= KEPT_ROWS:
-            self._kept[name] = (
-                table  # a command may read the predictions of a thousand runs, which are not kept
-            )
-        return default if table is None else table
+        """A table, or the default if it is missing."""
+        if name in self._tables:
+            return self._tables[name]
+        if (table := self._read(name)) is None:
+            return default
+        if len(table) <= KEPT_ROWS:  # a command may read the predictions of a thousand runs
+            self._tables[name] = table
+        return table
 
     def read_columns(self, name: str, columns: Sequence[str]) -> list[np.ndarray] | None:
-        """Some columns of a table, without the others; None where there is none of its name."""
-        table = self._kept[name] if name in self._kept else self._read(name, columns)
-        return None if table is None else [table[each].to_numpy() for each in columns]
+        """Some columns of a table, without reading the others; None if it is missing."""
+        table = self._tables[name] if name in self._tables else self._read(name, columns)
+        return None if table is None else [table[column].to_numpy() for column in columns]
 
     def __contains__(self, name: object) -> bool:
         return self.get(str(name)) is not None
 
     def __iter__(self) -> Iterator[str]:
-        return iter(dict.fromkeys((*self._names(), *self._kept)))
+        return iter(dict.fromkeys((*self._list_names(), *self._tables)))
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
@@ -135,10 +156,10 @@ class Failure(NamedTuple):
 
 
 class Result(Mapping[str, Any]):
-    """A finished run.
+    """A finished run: a mapping of its tags, parameters and numbers by name.
 
     Args:
-        about: tags and parameters, which are text, with ``run_id``, ``status`` and ``started``.
+        attributes: tags and parameters, which are text, ``run_id``, ``status`` and ``started``.
         metrics: numbers by name.
         tables: tables by name.
         errors: failure of each failed fold, by fold name.
@@ -151,8 +172,9 @@ class Result(Mapping[str, Any]):
         tables: Mapping[str, pd.DataFrame],
         errors: Mapping[str, Failure] | None = None,
     ) -> None:
-        self.attributes, self.metrics, self.errors = dict(attributes), dict(metrics), dict(errors or {})
+        self.attributes, self.metrics = dict(attributes), dict(metrics)
         self.tables = tables if isinstance(tables, RunTables) else RunTables(tables)
+        self.errors = dict(errors or {})
 
     def __getitem__(self, name: str) -> Any:
         return self.metrics[name] if name in self.metrics else self.attributes[name]
@@ -165,7 +187,7 @@ class Result(Mapping[str, Any]):
 
     @cached_property
     def accuracy_by_subject(self) -> dict[str, float]:
-        """Accuracy of the captures of each subject, in percent, as the run stored it; empty if it is not there."""
+        """Accuracy on each subject in percent; empty if the run did not store it."""
         columns = self.tables.read_columns("per_subject", ("subject", "accuracy"))
         return {} if columns is None else dict(zip(columns[0], 100 * columns[1], strict=True))
 
@@ -185,28 +207,27 @@ class Result(Mapping[str, Any]):
 
     @property
     def system(self) -> str:
-        """The system as tables name it: with the conditions that it uses, and a mark if it depends on the batch."""
-        conditions = self.attributes.get(CONDITIONS_TAG)
-        uses = (
-            f" (uses {conditions.replace(',', ', ')})"
-            if isinstance(conditions, str) and conditions
-            else ""
-        )
-        return str(self.attributes["system"]) + uses + f" {BATCH_MARK}" * (not self.predicts_alone)
+        """Name of the system in tables, with the conditions that it uses, and `BATCH_MARK`."""
+        name, conditions = str(self.attributes["system"]), self.attributes.get(CONDITIONS_TAG)
+        if isinstance(conditions, str) and conditions:
+            name += f" (uses {conditions.replace(',', ', ')})"
+        return name if self.predicts_alone else f"{name} {BATCH_MARK}"
 
     @property
     def system_with_seed(self) -> str:
-        """System, and its seed where that is not the usual one."""
-        return self.system + (
-            f", seed {self.attributes['seed']}" if self.attributes["seed"] not in ("0", "none") else ""
-        )
+        """Name of the system, with its seed unless that is the usual one."""
+        seed = self.attributes["seed"]
+        return self.system if seed in ("0", "none") else f"{self.system}, seed {seed}"
 
     @property
     def context(self) -> tuple[str, str, str]:
         """Data, subset with the target, and protocol in words."""
-        data = str(self.attributes["data"]) + " (synthetic)" * (self.attributes["synthetic"] == "true")
-        target = f", {self.attributes['target']}" if self.attributes["target"] != "gesture" else ""
-        return data, str(self.attributes["subset"]) + target, str(self.attributes["protocol_label"])
+        data, subset = str(self.attributes["data"]), str(self.attributes["subset"])
+        if self.attributes["synthetic"] == "true":
+            data += " (synthetic)"
+        if self.attributes["target"] != "gesture":
+            subset += f", {self.attributes['target']}"
+        return data, subset, str(self.attributes["protocol_label"])
 
     @property
     def values_to_agree(self) -> tuple[str, ...]:
@@ -215,7 +236,7 @@ class Result(Mapping[str, Any]):
 
     @property
     def mixes_subjects(self) -> bool:
-        """True if a fold has captures of one subject on both sides."""
+        """True if a subject has training and test captures in one fold."""
         return self.attributes.get("mixes_subjects") == "true"
 
     @property
@@ -230,16 +251,16 @@ class Result(Mapping[str, Any]):
 
     @property
     def failed_circumstances(self) -> list[str]:
-        """Keys of circumstances that failed in a fold, of which it therefore has no numbers."""
+        """Keys of the circumstances that failed in a fold; the run has no numbers of these."""
         return [*filter(None, str(self.attributes.get(FAILED_TAG, "")).split(", "))]
 
     @property
     def predicts_alone(self) -> bool:
-        """True if its predictions of a capture do not depend on the other captures predicted together."""
+        """True if the prediction of a capture does not depend on others predicted with it."""
         return self.attributes.get(BATCH_TAG) != "true"
 
     @property
     def folds(self) -> str:
-        """Finished folds of all folds."""
+        """Number of finished folds, of all."""
         done, failed = (int(self.metrics.get(name, 0)) for name in FOLD_COUNTS)
         return f"{done}/{done + failed}"

@@ -1,8 +1,11 @@
-"""Scores and units, all computed from the predictions table of a run.
+"""Scores of a run, all computed from its table of predictions.
 
-The table has one row per decision: ``fold``, ``capture``, ``start`` (first frame), ``frames`` (frames seen), ``true``,
-one column ``p_<class>`` per class, and the columns of the corpus's captures (``subject`` and conditions). A system that
-abstains gives 0 to every class. A capture without a probability is labelled `ABSTAINED`, which is wrong.
+The table has one row per decision: ``fold``, ``capture``, ``start`` (first frame), ``frames``
+(frames seen), ``true``, one column ``p_<class>`` per class, and columns of the corpus's captures
+(``subject`` and conditions). If a system abstains, all probabilities are 0, and the label is
+`ABSTAINED`, which is wrong.
+
+*Labelled* tables have a row per capture or window, with its label in ``predicted``.
 """
 
 from __future__ import annotations
@@ -12,9 +15,9 @@ import pandas as pd
 
 from bench.corpora.corpus import PROBABILITY as PREFIX
 from bench.corpora.corpus import RESERVED as RESERVED
-from bench.values.intervals import ratio_interval, share_interval
+from bench.values.intervals import ratio_interval, t_interval
 
-ABSTAINED = ""  # the label of a system that abstains; no gesture is called so
+ABSTAINED = ""  # label of a system that abstains; no gesture has this name
 
 
 def classes_of(predictions: pd.DataFrame) -> list[str]:
@@ -23,23 +26,23 @@ def classes_of(predictions: pd.DataFrame) -> list[str]:
 
 
 def most_probable_labels(proba: np.ndarray, classes: list[str]) -> np.ndarray:
-    """The label of each row of probabilities [decisions, classes]: a class, or `ABSTAINED` where all are 0."""
+    """Label of each row of probabilities [decisions, classes]; `ABSTAINED` if all are 0."""
     return np.where(
         proba.max(axis=1) > 0, np.asarray(classes, dtype=object)[proba.argmax(axis=1)], ABSTAINED
     )
 
 
 def label_windows(predictions: pd.DataFrame) -> pd.DataFrame:
-    """The decisions themselves with their label in ``predicted``."""
+    """Label each decision by its probabilities."""
     classes = classes_of(predictions)
     proba = predictions[[PREFIX + c for c in classes]].to_numpy()
     return predictions.assign(predicted=most_probable_labels(proba, classes))
 
 
 def label_captures(predictions: pd.DataFrame, vote: bool = False) -> pd.DataFrame:
-    """Score each tested capture: a row each, labelled by mean probability or by majority vote.
+    """Label each tested capture by the mean probability or the majority vote of its decisions.
 
-    A tied vote goes to the tied class with the highest mean probability.
+    Of classes with equal votes, the one with the highest mean probability wins.
     """
     classes = classes_of(predictions)
     columns = [PREFIX + c for c in classes]
@@ -50,9 +53,8 @@ def label_captures(predictions: pd.DataFrame, vote: bool = False) -> pd.DataFram
         votes = np.eye(len(classes))[proba.argmax(axis=1)] * (proba.max(axis=1, keepdims=True) > 0)
         ballots = pd.DataFrame(votes, columns=columns)
         ballots[keys] = predictions[keys].to_numpy()
-        score = (
-            score + ballots.groupby(keys, sort=False)[columns].sum().to_numpy() * 2
-        )  # means are at most 1
+        counts = ballots.groupby(keys, sort=False)[columns].sum().to_numpy()
+        score = score + 2 * counts  # mean probabilities, at most 1, decide ties
     rows = predictions.drop(columns=columns).drop_duplicates(keys, ignore_index=True)
     return rows.assign(predicted=most_probable_labels(score.to_numpy(), classes))
 
@@ -75,7 +77,7 @@ def scores_by_class(labelled: pd.DataFrame, classes: list[str]) -> pd.DataFrame:
 
 
 def confusion_table(labelled: pd.DataFrame, classes: list[str]) -> pd.DataFrame:
-    """Counts, rows are the true classes, columns the predicted ones, and ``(abstained)`` where a system did."""
+    """Counts of true classes (rows) and predicted ones, with ``(abstained)`` if there are any."""
     true, predicted = (
         pd.Index(classes).get_indexer(pd.Index(labelled[name])) for name in ("true", "predicted")
     )
@@ -83,33 +85,28 @@ def confusion_table(labelled: pd.DataFrame, classes: list[str]) -> pd.DataFrame:
     known = (true >= 0) & (predicted >= 0)
     np.add.at(counts, (true[known], predicted[known]), 1)
     table = pd.DataFrame(counts, index=classes, columns=classes)
-    if not (gone := labelled["predicted"] == ABSTAINED).any():
+    if not (abstained := labelled["predicted"] == ABSTAINED).any():
         return table
-    without = labelled["true"][gone].value_counts().reindex(classes, fill_value=0)
-    return pd.concat([table, without.rename("(abstained)")], axis=1)
+    counts = labelled["true"][abstained].value_counts().reindex(classes, fill_value=0)
+    return pd.concat([table, counts.rename("(abstained)")], axis=1)
 
 
 def pooled_accuracy_interval(labelled: pd.DataFrame) -> tuple[float, float]:
-    """95 % bootstrap interval of pooled accuracy over subjects; NaN for fewer than `bench.values.few.FEWEST_FOR_INTERVAL` of them."""
-    hits = (
-        (labelled["true"] == labelled["predicted"])
-        .groupby(labelled["subject"])
-        .agg(["sum", "size"])
-        .to_numpy()
-    )
-    return ratio_interval(hits)
+    """95 % bootstrap interval of pooled accuracy over subjects; NaN for too few of them."""
+    hits = (labelled["true"] == labelled["predicted"]).groupby(labelled["subject"])
+    return ratio_interval(hits.agg(["sum", "size"]).to_numpy())
 
 
 def mean_over_subjects(labelled: pd.DataFrame) -> dict[str, float]:
-    """Mean over subjects of their accuracies, its 95 % t-interval (``low``, ``high``) and SD (``subject_sd``)."""
-    each = accuracy_by_subject(labelled)["accuracy"]
-    mean, sd = float(each.mean()), float(each.std(ddof=1))
-    low, high = share_interval(mean, sd, len(each))
-    return {"accuracy": mean, "low": low, "high": high, "subject_sd": sd}
+    """Mean accuracy over subjects, its 95 % t-interval (``low``, ``high``), ``subject_sd``."""
+    accuracies = accuracy_by_subject(labelled)["accuracy"]
+    mean, sd = float(accuracies.mean()), float(accuracies.std(ddof=1))
+    low, high = np.clip(t_interval(mean, sd, len(accuracies)), 0, 1)
+    return {"accuracy": mean, "low": float(low), "high": float(high), "subject_sd": sd}
 
 
 def fold_accuracies(predictions: pd.DataFrame) -> dict[str, float]:
-    """Accuracy of captures, and of windows where there are more decisions than captures, in one fold."""
+    """Accuracy of the captures of a fold, and of windows if there are more of them."""
     labelled = label_captures(predictions)
     shares = {"accuracy": mean_over_subjects(labelled)["accuracy"]}
     if len(predictions) > len(labelled):
@@ -118,16 +115,15 @@ def fold_accuracies(predictions: pd.DataFrame) -> dict[str, float]:
 
 
 def run_scores(predictions: pd.DataFrame, rate_hz: float) -> dict[str, float]:
-    """The tracked scores of a run, from its predictions; one that is not defined (SD of one subject) is left out."""
+    """Tracked scores of a run; undefined ones, such as the SD of one subject, are left out."""
     classes = classes_of(predictions)
     capture = label_captures(predictions)
     scores = _scores_with_prefix("", capture, classes)
-    if (gone := capture["predicted"] == ABSTAINED).any():
-        scores["abstained"] = gone.mean()
+    if (abstained := capture["predicted"] == ABSTAINED).any():
+        scores["abstained"] = abstained.mean()
     low, high = pooled_accuracy_interval(capture)
-    ends = (predictions["start"] + predictions["frames"]).groupby(
-        [predictions["fold"], predictions["capture"]]
-    )
+    keys = [predictions["fold"], predictions["capture"]]
+    ends = (predictions["start"] + predictions["frames"]).groupby(keys)
     scores |= {
         "pooled_accuracy_low": low,
         "pooled_accuracy_high": high,
@@ -138,9 +134,8 @@ def run_scores(predictions: pd.DataFrame, rate_hz: float) -> dict[str, float]:
     }
     if len(predictions) > len(capture):
         scores |= _scores_with_prefix("vote_", label_captures(predictions, vote=True), classes)
-        scores |= _scores_with_prefix("window_", label_windows(predictions), classes) | {
-            "windows": len(predictions)
-        }
+        scores |= _scores_with_prefix("window_", label_windows(predictions), classes)
+        scores["windows"] = len(predictions)
     return {name: float(value) for name, value in scores.items() if np.isfinite(value)}
 
 
@@ -148,13 +143,8 @@ def _scores_with_prefix(
     prefix: str, labelled: pd.DataFrame, classes: list[str]
 ) -> dict[str, float]:
     table, people = scores_by_class(labelled, classes), mean_over_subjects(labelled)
-    scores = dict(
-        zip(
-            ("accuracy", "accuracy_low", "accuracy_high", "subject_sd"),
-            people.values(),
-            strict=True,
-        )
-    )
+    names = ("accuracy", "accuracy_low", "accuracy_high", "subject_sd")
+    scores = dict(zip(names, people.values(), strict=True))
     scores["pooled_accuracy"] = (labelled["true"] == labelled["predicted"]).mean()
     scores |= {f"macro_{name}": table[name].mean() for name in ("f1", "recall", "precision")}
     return {prefix + name: value for name, value in scores.items()}
