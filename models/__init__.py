@@ -1,6 +1,7 @@
-"""The recognisers: one file per system; names and where they are made (nothing is imported before it is used).
+"""The recognisers, one file per system; the folder is imported as `bench.models`.
 
-The first ones go with any feature set, the others are published systems as a whole.
+Parts are imported when they are used. The first ones work on any feature set; the others are
+complete published systems.
 """
 
 from bench.features import HAART_NOTE

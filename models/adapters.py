@@ -1,4 +1,4 @@
-"""Classifiers of others as systems: of time series (aeon, sktime), and modules of PyTorch."""
+"""Adapters that make systems of time series classifiers (aeon, sktime) and modules of PyTorch."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(eq=False, repr=False)
 class FromSeries(ClassifierMixin, BaseEstimator):
-    """A classifier of equally long series [captures, channels, frames], such as those of aeon and sktime.
+    """A classifier of equally long series [captures, channels, frames], as of aeon and sktime.
 
     Args:
         classifier: untrained.
@@ -36,9 +36,8 @@ class FromSeries(ClassifierMixin, BaseEstimator):
     def fit(self, X: Corpus, y: np.ndarray) -> FromSeries:
         """Learn from captures and their class names."""
         self.series_ = Series(self.channels, self.length).fit(X)
-        self.classifier_ = clone(self.classifier).fit(
-            self.series_.transform(X).astype(np.float64), np.asarray(y, str)
-        )
+        series = self.series_.transform(X).astype(np.float64)
+        self.classifier_ = clone(self.classifier).fit(series, np.asarray(y, str))
         self.classes_ = np.asarray(self.classifier_.classes_)
         return self
 
@@ -56,10 +55,11 @@ class FromTorch(WindowNet):
     """A module of PyTorch on windows of captures, trained by Adam.
 
     Args:
-        module: function or class called with the frames of a window, rows, columns and classes; input [batch, frames,
-            rows, cols] scaled to 0..1, output a logit per class. An existing module has no place for a seed.
-        frames: length of a window; windows of a capture follow one another.
-        seconds: the same in seconds, instead.
+        module: function or class that is called with the frames of a window, rows, columns and
+            classes, and returns an untrained module; input [batch, frames, rows, cols] scaled to
+            0..1, output a logit per class.
+        frames: length of a window; windows are consecutive.
+        seconds: length of a window in seconds, instead of frames.
         epochs: passes over the training windows.
         batch: windows per step.
         rate: learning rate.
@@ -75,5 +75,5 @@ class FromTorch(WindowNet):
     rate: float = 1e-3
 
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
-        """Module that ``module`` makes for this grid."""
+        """The module for a grid."""
         return self.module(self.window, rows, cols, classes)

@@ -10,7 +10,7 @@ from bench.corpora.corpus import Corpus
 
 
 class MostProbable(ClassifierMixin, BaseEstimator):
-    """A classifier that predicts the class with the largest probability, of equal ones the first."""
+    """A classifier that predicts the class with the highest probability, of equals the first."""
 
     classes_: np.ndarray
 

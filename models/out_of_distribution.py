@@ -1,4 +1,4 @@
-"""Two classifiers for one table: one for usual rows, one for unusual ones."""
+"""Two classifiers for one table: one for rows that look like training, one for the others."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ UNUSUAL_SDS = 2.5  # SDs of undamaged training rows
 
 @dataclass(eq=False, repr=False)
 class GuardedDiscriminants(MostProbable):
-    """Linear discriminants trained without damage, and a small network trained with it, mixed row by row.
+    """Linear discriminants, mixed row by row with a small network trained on damaged copies.
 
-    The more features of a row lie further than 2.5 SDs from the mean of the undamaged training rows, the more the
-    network counts: nothing where none does, all from a share of ``doubt`` on. Rows of damaged copies are told by their
-    index, as `bench.models.classic.lda.Discriminants` reads it. Where there are none, the network learns from the same
-    rows.
+    The network's weight grows with the share of features beyond 2.5 SDs from the mean of the
+    undamaged training rows: 0 without such a feature, 1 from a share of ``doubt`` on. The index of
+    the rows marks damaged copies, as in `bench.models.classic.lda.Discriminants`. Without copies,
+    the network learns from the same rows.
 
     Args:
         windows: number of windows, see `bench.models.classic.lda.Discriminants`.
@@ -42,49 +42,40 @@ class GuardedDiscriminants(MostProbable):
     seed: int = 0
 
     def fit(self, X: pd.DataFrame, y: np.ndarray) -> GuardedDiscriminants:
-        """Learn from features [rows, n_features], labelled by capture and copy, and class names [rows]."""
-        sound = undamaged_rows(X)
-        usual = X[sound]
-        values = usual.to_numpy(dtype=np.float32)
+        """Fit to features [rows, n_features] with an index of capture and copy, and class names."""
+        undamaged = undamaged_rows(X)
+        values = X[undamaged].to_numpy(dtype=np.float32)
         self.n_features_in_ = values.shape[1]
         self.mean_, self.sd_ = values.mean(axis=0), values.std(axis=0)
         self.sd_[is_constant(values) | (self.sd_ == 0)] = np.inf
-        self.linear_ = Discriminants(windows=self.windows).fit(usual, y[sound])
+        self.linear_ = Discriminants(windows=self.windows).fit(X[undamaged], y[undamaged])
         self.robust_ = Perceptron(self.units, seed=self.seed).fit(X, y)
         self.classes_ = self.linear_.classes_
         return self
 
     def network_weights(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
         """Weight of the network, 0 to 1 [rows]; missing values are unusual."""
-        with np.errstate(over="ignore"):  # beyond float32 is unusual, too
-            usual = (
-                np.abs(np.asarray(X, dtype=np.float32) - self.mean_)
-                <= np.float32(UNUSUAL_SDS) * self.sd_
-            )
-        return np.minimum((~usual).mean(axis=1) / self.doubt, 1)
+        with np.errstate(over="ignore"):  # values beyond float32 are unusual, too
+            distance = np.abs(np.asarray(X, dtype=np.float32) - self.mean_)
+            is_usual = distance <= np.float32(UNUSUAL_SDS) * self.sd_
+        return np.minimum((~is_usual).mean(axis=1) / self.doubt, 1)
 
     def predict_proba(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
         """Class probabilities [rows, classes]."""
-        doubt = self.network_weights(X)[:, None]
-        with np.errstate(
-            over="ignore", invalid="ignore"
-        ):  # of an endless feature, no number, which is not used
+        weight = self.network_weights(X)[:, None]
+        # an infinite feature makes the discriminants NaN, which are not used then
+        with np.errstate(over="ignore", invalid="ignore"):
             values = np.asarray(X, dtype=np.float32)
-            linear = np.where(doubt < 1, self.linear_.predict_proba(values), 0)
-        return (1 - doubt) * linear + doubt * self.robust_.predict_proba(values)
+            linear = np.where(weight < 1, self.linear_.predict_proba(values), 0)
+        return (1 - weight) * linear + weight * self.robust_.predict_proba(values)
 
     @property
     def activations_(self) -> int:
-        """Features as the network sees them, and its units."""
+        """Number of the network's inputs and units."""
         return self.n_features_in_ + self.units
 
     @property
     def parameters_(self) -> int:
-        """Learnt numbers of both, and of the comparison of rows."""
-        usual = self.mean_.size + self.sd_.size
-        return (
-            usual
-            + self.linear_.coef_.size
-            + self.linear_.intercept_.size
-            + self.robust_.parameters_
-        )
+        """Number of learnt values of both classifiers, and of means and SDs."""
+        linear = self.linear_.coef_.size + self.linear_.intercept_.size
+        return self.mean_.size + self.sd_.size + linear + self.robust_.parameters_

@@ -16,38 +16,38 @@ from bench import contract
 from bench.corpora.corpus import COPY, Corpus, corpus_origin, shared_frames
 from bench.corpora.faults import usual_faults
 from bench.corpora.windows import Step, Windows
-from bench.errors import InputError
+from bench.errors import InputError, check_value
 from bench.features.base import FeatureSet, capture_copy_index, is_stateless
 from bench.features.cache import PIECE_COLUMNS, load_after_steps
 from bench.ground.machine import check_memory
-from bench.ground.registry import parameter_defaults as defaults_of
+from bench.ground.registry import parameter_defaults
 from bench.models.by_person import PerPersonPipeline
 from bench.models.most_probable import MostProbable, mean_by_capture
 from bench.models.quantised import BITS, can_quantise, quantise_pipeline
 from bench.models.steps import DamagedCopies, Repair, Scale, TurnedCopies
 
-MAX_WINDOW_S = 3600.0  # of a window
-PLAIN_PIPELINES = (Pipeline, PerPersonPipeline)  # whose fit is that of their steps
+MAX_WINDOW_S = 3600.0
+PLAIN_PIPELINES = (Pipeline, PerPersonPipeline)  # which are fitted by fitting their steps
 
 
 def _forward_hook(hook: Callable, attribute: str) -> property:
-    """What a recipe answers as its system does, which it keeps as ``system``, untrained, or ``system_``, fitted."""
-    return property(lambda recipe: hook(getattr(recipe, attribute)), doc=f"As of ``{attribute}``.")
+    """Property with a hook's value for the wrapped system, ``system`` or ``system_``."""
+    return property(lambda recipe: hook(getattr(recipe, attribute)), doc=f"Of ``{attribute}``.")
 
 
 @dataclass(eq=False, repr=False)
 class Recipe(MostProbable):
-    """A system behind steps (`bench.models.steps`) that its captures go through, in training and when it decides.
+    """A system with steps (`bench.models.steps`) that captures go through before it.
 
-    On windows, a system that decides once per capture decides once per window, and a capture's probabilities are the
-    mean over its windows.
+    On windows, a system that decides once per capture decides once per window, and a capture's
+    probabilities are the mean over its windows.
 
     Args:
         system: system to train.
         window: seconds of a window; 0 leaves captures whole.
         hop: seconds from the beginning of one window to that of the next; 0 is half a window.
         repair: kinds of broken taxels that are repaired, of `bench.models.steps.REPAIRS`.
-        scale: ``none``, ``peak``, divided by the largest reading so far, or ``log``.
+        scale: ``none``; ``peak``, divided by the largest reading so far; or ``log``.
         faults: faults for copies of the training captures only; ``all`` stands for every fault.
         copies: damaged copies of each training capture, if there are faults.
         turns: further copies of each training capture, on a grid that is mirrored or turned.
@@ -65,32 +65,30 @@ class Recipe(MostProbable):
     turns: int = 0
 
     def check(self) -> None:
-        """Refuse parameters that cannot be."""
-        if not (0 <= self.window <= MAX_WINDOW_S and 0 <= self.hop <= MAX_WINDOW_S):
-            raise InputError(
-                f"model.window={self.window:g}, model.hop={self.hop:g}: give seconds from 0 to {MAX_WINDOW_S:g}"
-            )
+        """Check the parameters.
+
+        Raises:
+            InputError: a parameter is out of its range, or the system does not support it.
+        """
+        seconds = f"seconds from 0 to {MAX_WINDOW_S:g}"
+        check_value("model.window", self.window, 0 <= self.window <= MAX_WINDOW_S, seconds)
+        check_value("model.hop", self.hop, 0 <= self.hop <= MAX_WINDOW_S, seconds)
         if self.hop and not self.window:
             raise InputError(f"model.hop={self.hop:g} needs model.window=")
-        if self.window and (
-            contract.decides_often(self.system) or contract.window_frames(self.system, 1.0)
-        ):
-            raise InputError(
-                f"model.window={self.window:g}: the system cuts its own windows; leave it out"
-            )
-        if self.bits not in BITS:
-            raise InputError(f"model.bits={self.bits}: give 32 or 8")
-        if self.bits != 32 and not (
-            type(self.system) in PLAIN_PIPELINES and can_quantise(self.system.steps[-1][1])
-        ):
-            raise InputError(
-                f"model.bits={self.bits}: reflex, lda, softmax, bayes and hughes2017_cnn have it; leave it out"
-            )
+        system = self.system
+        has_windows = contract.decides_often(system) or contract.window_frames(system, 1.0)
+        advice = "0, as the system cuts its own windows"
+        check_value("model.window", self.window, not (self.window and has_windows), advice)
+        check_value("model.bits", self.bits, self.bits in BITS, "32 or 8")
+        is_plain = type(system) in PLAIN_PIPELINES
+        is_supported = self.bits == 32 or (is_plain and can_quantise(system.steps[-1][1]))
+        advice = "32; reflex, lda, softmax, bayes and hughes2017_cnn can have 8"
+        check_value("model.bits", self.bits, is_supported, advice)
         self.training_steps()
-        contract.check_parameters(self.system)
+        contract.check_parameters(system)
 
     def check_training(self, X: Corpus, y: np.ndarray) -> None:
-        """Forwarded to the wrapped system; refuses copies that need more memory than there is."""
+        """Check the memory that copies need, then call the wrapped system's method."""
         values = int(X.lengths.sum()) * X.grid[0] * X.grid[1]
         for name, copies in (("copies", self.copies if self.faults else 0), ("turns", self.turns)):
             if copies:
@@ -98,18 +96,25 @@ class Recipe(MostProbable):
                 check_memory(f"model.{name}={copies}", shared_frames(X)[0].itemsize * values)
         contract.check_training(self.system, X, y)
 
-    def steps(self) -> list[Step]:
-        """The steps of captures before the system."""
-        repair: list[Step] = [Repair(self.repair)] if self.repair else []
-        scale: list[Step] = [Scale(self.scale)] if self.scale != "none" else []
-        return repair + scale + ([Windows(self.window, self.hop)] if self.window else [])
+    def prediction_steps(self) -> list[Step]:
+        """Steps before the system in prediction."""
+        steps: list[Step] = []
+        if self.repair:
+            steps.append(Repair(self.repair))
+        if self.scale != "none":
+            steps.append(Scale(self.scale))
+        if self.window:
+            steps.append(Windows(self.window, self.hop))
+        return steps
 
     def training_steps(self) -> list[Step]:
-        """The same for training captures."""
-        damage: list[Step] = (
-            [DamagedCopies(self.trained_faults, self.copies)] if self.faults else []
-        )
-        return damage + ([TurnedCopies(self.turns)] if self.turns else []) + self.steps()
+        """Steps before the system in training."""
+        steps: list[Step] = []
+        if self.faults:
+            steps.append(DamagedCopies(self.trained_faults, self.copies))
+        if self.turns:
+            steps.append(TurnedCopies(self.turns))
+        return steps + self.prediction_steps()
 
     @property
     def trained_faults(self) -> tuple[str, ...]:
@@ -117,11 +122,12 @@ class Recipe(MostProbable):
         return usual_faults() if self.faults == ("all",) else self.faults
 
     def seen(self, X: Corpus) -> list[Corpus]:
-        """Captures after the steps of training, and after those of deciding."""
-        return [apply_steps(X, steps)[0] for steps in (self.training_steps(), self.steps())]
+        """Captures after the steps of training, and after those of prediction."""
+        chains = self.training_steps(), self.prediction_steps()
+        return [apply_steps(X, steps)[0] for steps in chains]
 
     def fit(self, X: Corpus, y: np.ndarray) -> Recipe:
-        """Learn from captures and their class names."""
+        """Fit to captures and their class names."""
         system = self._fit_system(X, np.asarray(y))
         self.system_ = system if self.bits == 32 else quantise_pipeline(system, self.bits)
         self.classes_ = system.classes_
@@ -132,49 +138,45 @@ class Recipe(MostProbable):
         return self
 
     def _fit_system(self, X: Corpus, y: np.ndarray) -> contract.System:
-        """The system inside; one behind a feature set is given the kept features, where there are some."""
+        """Fit the wrapped system, on cached features if there are any."""
         system, steps = clone(self.system), self.training_steps()
-        if (behind := _steps_after_features(system)) is None:
-            seen, row = apply_steps(X, steps)
-            return system.fit(seen, y[row])
-        name, first = system.steps[0]
-        if (
-            stored := load_after_steps(first, X, tuple(steps)) if is_stateless(first) else None
-        ) is not None:
-            table, row = stored_rows(stored, X.index)
-            first.fit(X)
+        if not _has_feature_step(system):
+            seen, source = apply_steps(X, steps)
+            return system.fit(seen, y[source])
+        (name, features), *later_steps = system.steps
+        stored = load_after_steps(features, X, tuple(steps)) if is_stateless(features) else None
+        if stored is not None:
+            table, source = select_stored_rows(stored, X.index)
+            features.fit(X)
         else:
-            seen, row = apply_steps(X, steps)
-            table = first.fit_transform(seen, y[row])
-        return Pipeline([(name, first), *Pipeline(behind).fit(table, y[row]).steps])
+            seen, source = apply_steps(X, steps)
+            table = features.fit_transform(seen, y[source])
+        return Pipeline([(name, features), *Pipeline(later_steps).fit(table, y[source]).steps])
 
     def decide(self, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
-        """Every decision: one per window, or those of the system inside (`bench.contract.predict_decisions`)."""
-        seen, row = apply_steps(X, self.steps())
+        """Every decision: one per window, or those of the system."""
+        seen, source = apply_steps(X, self.prediction_steps())
         table, proba = contract.predict_decisions(self.system_, seen)
-        of = table["capture"].to_numpy()
-        start = (
-            table["start"].to_numpy()
-            + (corpus_origin(seen).piece[of] - corpus_origin(X).piece[row[of]]) % COPY
-        )
-        return table.assign(capture=row[of], start=start), proba
+        position = table["capture"].to_numpy()
+        capture = source[position]
+        shift = (corpus_origin(seen).piece[position] - corpus_origin(X).piece[capture]) % COPY
+        return table.assign(capture=capture, start=table["start"].to_numpy() + shift), proba
 
     def predict_proba(self, X: Corpus) -> np.ndarray:
         """Mean probabilities over the decisions on each capture [captures, classes]."""
-        if not contract.decides_often(
-            self.system_
-        ):  # no table of decisions is needed, a tenth of a robot's time
-            seen, row = apply_steps(X, self.steps())
-            return mean_by_capture(contract.predict_probabilities(self.system_, seen), row)
-        table, proba = self.decide(X)
-        return mean_by_capture(proba, table["capture"].to_numpy())
+        if contract.decides_often(self.system_):
+            table, proba = self.decide(X)
+            return mean_by_capture(proba, table["capture"].to_numpy())
+        # without the table of decisions, which takes a tenth of a robot's time
+        seen, source = apply_steps(X, self.prediction_steps())
+        return mean_by_capture(contract.predict_probabilities(self.system_, seen), source)
 
     def keeps_before(self, taxels: int) -> int:
         """Numbers in memory for the steps."""
-        return sum(step.kept_numbers(taxels) for step in self.steps())
+        return sum(step.kept_numbers(taxels) for step in self.prediction_steps())
 
     def length(self, rate_hz: float) -> int | None:
-        """Frames of a window of the system inside, if it cuts its own."""
+        """Frames of a window of the wrapped system, if it cuts its own."""
         return contract.window_frames(self.system, rate_hz)
 
     features = _forward_hook(contract.feature_sets, "system")
@@ -189,73 +191,72 @@ class Recipe(MostProbable):
 def build_recipe(
     factory: Callable, feature_set: contract.Features | None, **parameters: object
 ) -> contract.System:
-    """Build a system as `bench.contract.build_system` does, wrapped in its steps if some of the parameters are of `recipe_defaults`.
+    """Build a system, within a `Recipe` if one of its parameters is not at its default.
 
-    Names joined by + give several values.
+    A system has the parameters of a `Recipe` except those of the same name as its own. A search
+    draws names that are joined by +; these become a tuple.
     """
     defaults = recipe_defaults(factory)
-    options: dict[str, Any] = {
-        k: _as_tuple(v, defaults[k]) for k, v in parameters.items() if k in defaults
-    }
-    system = contract.build_system(
-        factory, feature_set, **{k: v for k, v in parameters.items() if k not in defaults}
-    )
-    return (
-        Recipe(system, **options) if any(v != defaults[k] for k, v in options.items()) else system
-    )
+    options: dict[str, Any] = {}
+    own: dict[str, object] = {}
+    for name, value in parameters.items():
+        if isinstance(defaults.get(name), tuple) and isinstance(value, str):
+            value = tuple(filter(None, value.split("+")))
+        (options if name in defaults else own)[name] = value
+    system = contract.build_system(factory, feature_set, **own)
+    is_changed = any(value != defaults[name] for name, value in options.items())
+    return Recipe(system, **options) if is_changed else system
 
 
 def recipe_defaults(factory: Callable) -> dict[str, object]:
-    """Parameters of a `Recipe` that a factory has no own ones for, and their defaults."""
-    return {k: v for k, v in defaults_of(Recipe).items() if k not in defaults_of(factory)}
+    """Defaults of the parameters of `Recipe`, without those that the factory has itself."""
+    own = parameter_defaults(factory)
+    return {name: v for name, v in parameter_defaults(Recipe).items() if name not in own}
 
 
-def _steps_after_features(system: contract.System) -> list | None:
-    """The steps behind the feature set of a pipeline; None for a system of another kind."""
-    if type(system) in PLAIN_PIPELINES and system.memory is None and len(system.steps) > 1:
-        name, first = system.steps[0]
-        if name == "features" or isinstance(first, FeatureSet):
-            return system.steps[1:]
-    return None
+def _has_feature_step(system: contract.System) -> bool:
+    """True for a plain pipeline of a feature set and further steps."""
+    if type(system) not in PLAIN_PIPELINES or system.memory is not None or len(system.steps) < 2:
+        return False
+    name, first = system.steps[0]
+    return name == "features" or isinstance(first, FeatureSet)
 
 
-def stored_rows(stored: pd.DataFrame, index: np.ndarray) -> tuple[pd.DataFrame, np.ndarray]:
-    """Rows of the stored captures at ``index``, labelled as `FeatureSet.transform` does, and which one each is of.
+def select_stored_rows(stored: pd.DataFrame, index: np.ndarray) -> tuple[pd.DataFrame, np.ndarray]:
+    """Select the rows of captures from a cached table.
 
-    Those of one capture lie together, with `bench.features.cache.PIECE_COLUMNS`. No frame is touched, so no copy is damaged
-    again.
+    Args:
+        stored: table with `bench.features.cache.PIECE_COLUMNS`; the rows of a capture are
+            consecutive.
+        index: captures to select.
+
+    Returns:
+        The rows, indexed as by `FeatureSet.transform`, and for each the position of its capture in
+        ``index``.
     """
-    of, piece = (stored[name].to_numpy() for name in PIECE_COLUMNS)
-    first = np.searchsorted(of, index)
-    count = np.searchsorted(of, index, side="right") - first
-    row = np.repeat(np.arange(len(index)), count)
-    at = first[row] + np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
-    return stored.iloc[at].drop(columns=[*PIECE_COLUMNS]).set_axis(
-        capture_copy_index(of[at], piece[at] // COPY)
-    ), row
-
-
-def _as_tuple(value: object, default: object) -> object:
-    """Names joined by +, which a search draws, as a tuple where the default is one."""
-    return (
-        tuple(filter(None, value.split("+")))
-        if isinstance(default, tuple) and isinstance(value, str)
-        else value
-    )
+    capture, piece = (stored[name].to_numpy() for name in PIECE_COLUMNS)
+    first = np.searchsorted(capture, index)
+    count = np.searchsorted(capture, index, side="right") - first
+    source = np.repeat(np.arange(len(index)), count)
+    within = np.arange(len(source)) - np.repeat(np.cumsum(count) - count, count)
+    rows = first[source] + within
+    labels = capture_copy_index(capture[rows], piece[rows] // COPY)
+    return stored.iloc[rows].drop(columns=[*PIECE_COLUMNS]).set_axis(labels), source
 
 
 def apply_steps(X: Corpus, steps: list[Step]) -> tuple[Corpus, np.ndarray]:
-    """Captures after some steps, and which of ``X`` each comes from."""
-    row = np.arange(len(X))
+    """Captures after some steps, and the position in ``X`` that each comes from."""
+    source = np.arange(len(X))
     for step in steps:
-        rows = step.source_rows(X)
-        X, row = step(X), row[rows]
-    return X, row
+        source = source[step.source_rows(X)]
+        X = step(X)
+    return X, source
 
 
 def split_causal_steps(system: contract.System) -> tuple[list[Step], contract.System]:
-    """The causal steps that a whole recording goes through, and the system behind them, which is given windows."""
+    """Split a system into the causal steps for a whole recording and the system for windows."""
     recipe = getattr(system, "whole_", system)
     if not isinstance(recipe, Recipe):
         return [], system
-    return [step for step in recipe.steps() if not isinstance(step, Windows)], recipe.system_
+    causal = [step for step in recipe.prediction_steps() if not isinstance(step, Windows)]
+    return causal, recipe.system_

@@ -11,7 +11,7 @@ from sklearn.pipeline import Pipeline
 
 from bench.corpora.corpus import Corpus
 from bench.corpora.windows import Windows
-from bench.errors import InputError
+from bench.errors import check_value
 from bench.features.base import FeatureSet
 from bench.features.touch import TouchFeatures
 from bench.models.classic.lda import lda
@@ -25,24 +25,26 @@ EARLY_DAMAGED = 0.1  # how much each counts
 
 @dataclass(eq=False, repr=False)
 class Reflex(MostProbable):
-    """Linear discriminants on windows of a second, and a small network for windows that look like nothing in training.
+    """Linear discriminants on windows of 1 s, and a small network for out-of-distribution windows.
 
-    1. *Repair*: taxels that are stuck or dead are found in the capture's own past and filled from their neighbours.
-    2. *Windows* of 1 s, one every half second. What is shorter than a second is cut into windows of 0.5 s, one every
-       quarter of a second.
-    3. *Features*: `bench.features.touch`, rates and shares that mean the same on every grid and at every rate.
-    4. *Discriminants* (`bench.models.classic.lda`), learnt from undamaged windows. What is particular to a capture
-       counts as much again as what varies within it, since two or more windows decide on most captures.
-    5. *Doubt* (`bench.models.out_of_distribution`): a window some of whose features lie beyond 2.5 SDs of training is
-       judged by a network of 18 units (`classic.perceptron`) instead, wholly from 3 % of them on. It has learnt from
-       every capture as it is and in eight damaged copies, each by a fault and a severity drawn at random, a copy
-       counting as much as the capture. Faults cost little where there are none, as few features of sound captures are
-       unusual.
-    6. The short windows have discriminants alone, learnt from three copies as well, each of which counts a tenth.
-    7. A capture's probabilities are the mean over its windows.
+    1. *Repair*: stuck and dead taxels are detected in the capture's own past and filled from their
+    neighbours. 2. *Windows* of 1 s, one every 0.5 s. A capture shorter than 1 s is cut into windows
+    of 0.5 s, one every 0.25 s. 3. *Features*: `bench.features.touch`, rates and shares that mean
+    the same on every grid and at every rate. 4. *Discriminants* (`bench.models.classic.lda`),
+    trained on undamaged windows. The covariance between captures
+       counts twice, since two or more windows decide on most captures.
+    5. *Doubt* (`bench.models.out_of_distribution`): features beyond 2.5 SDs of training shift the
+    decision to a network
+       of 18 units (`classic.perceptron`), wholly from 3 % of them on. It is trained on every
+       capture and on eight damaged copies of it, each by a random fault and severity, with equal
+       weights. This costs little without faults, as few features of undamaged captures are that far
+       from the mean.
+    6. Short windows have discriminants alone, trained with three damaged copies that count a tenth
+    each. 7. A capture's probabilities are the mean over its windows.
 
-    Every number above was chosen on the training part of HAART's challenge split, leaving out its subjects one by one,
-    or is round, but for the 18 units, which fit into 64 kB with all else: docs/notes/systems.md tells what was tried.
+    Every number above was chosen on the training part of HAART's challenge split, leaving out its
+    subjects one by one, or is round, except the 18 units, with which the system fits into 64 kB
+    (docs/notes/systems.md lists the trials).
 
     Args:
         window: seconds of a window.
@@ -67,42 +69,38 @@ class Reflex(MostProbable):
     bits: int = 32
 
     def _make_recipes(self) -> tuple[Recipe, Recipe]:
-        """For a whole window, and for less."""
+        """Make the systems for whole windows and for shorter captures."""
         options: dict[str, Any] = {
             "bits": self.bits,
             "repair": () if self.repair == ("none",) else self.repair,
             "faults": () if self.faults == ("none",) else self.faults,
         }
-        judge = GuardedDiscriminants(units=self.units, doubt=self.doubt, seed=self.seed)
-        usual = Pipeline([("features", TouchFeatures()), ("classifier", judge)])
+        guarded = GuardedDiscriminants(units=self.units, doubt=self.doubt, seed=self.seed)
+        whole = Pipeline([("features", TouchFeatures()), ("classifier", guarded)])
         early = lda(TouchFeatures(), damaged=EARLY_DAMAGED)
         return (
-            Recipe(usual, self.window, copies=self.copies, **options),
+            Recipe(whole, self.window, copies=self.copies, **options),
             Recipe(early, self.early, copies=min(self.copies, EARLY_COPIES), **options),
         )
 
     def check(self) -> None:
-        """Refuse parameters that cannot be.
+        """Check the parameters.
 
         Raises:
-            InputError: one of them.
+            InputError: a parameter is out of its range.
         """
-        if not 0 < self.early <= self.window:
-            raise InputError(
-                f"model.early={self.early:g}: give seconds above 0, at most model.window={self.window:g}"
-            )
-        if not 1 <= self.units <= 4096:
-            raise InputError(f"model.units={self.units}: give 1 to 4096")
-        if not 0 < self.doubt <= 1:
-            raise InputError(f"model.doubt={self.doubt:g}: give a share above 0, at most 1")
+        advice = f"seconds above 0, at most model.window={self.window:g}"
+        check_value("model.early", self.early, 0 < self.early <= self.window, advice)
+        check_value("model.units", self.units, 1 <= self.units <= 4096, "1 to 4096")
+        check_value("model.doubt", self.doubt, 0 < self.doubt <= 1, "a share above 0, at most 1")
         for recipe in self._make_recipes():
             recipe.check()
 
     def check_training(self, X: Corpus, y: np.ndarray) -> None:
-        """Refuse copies that need more memory than there is.
+        """Check the memory that copies need.
 
         Raises:
-            InputError: they do.
+            InputError: there is less.
         """
         for recipe in self._make_recipes():
             recipe.check_training(X, y)
@@ -114,24 +112,24 @@ class Reflex(MostProbable):
         return self
 
     def _split_by_length(self, X: Corpus) -> list[tuple[Recipe, np.ndarray]]:
-        """Who decides on which captures [n]: one on those of a window and more, one on shorter ones."""
-        short = X.lengths < Windows(self.window).window_and_hop(X.rate_hz)[0]
-        parts = [(self.whole_, np.flatnonzero(~short)), (self.early_, np.flatnonzero(short))]
+        """The systems that decide on some of the captures, each with their positions."""
+        is_short = X.lengths < Windows(self.window).window_and_hop(X.rate_hz)[0]
+        parts = [(self.whole_, np.flatnonzero(~is_short)), (self.early_, np.flatnonzero(is_short))]
         return [part for part in parts if len(part[1])]
 
     def decide(self, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
-        """Predict each window: frames seen, and probabilities [windows, classes]."""
+        """Predict each window: a table with its frames, and probabilities [windows, classes]."""
         parts = self._split_by_length(X)
         if len(parts) == 1:
             return parts[0][0].decide(X)
-        tables, probabilities = [], []
+        tables, probas = [], []
         for recipe, captures in parts:
             table, proba = recipe.decide(X[captures])
             tables.append(table.assign(capture=captures[table["capture"].to_numpy()]))
-            probabilities.append(proba)
+            probas.append(proba)
         table = pd.concat(tables, ignore_index=True)
         order = np.argsort(table["capture"].to_numpy(), kind="stable")
-        return table.iloc[order].reset_index(drop=True), np.concatenate(probabilities)[order]
+        return table.iloc[order].reset_index(drop=True), np.concatenate(probas)[order]
 
     def predict_proba(self, X: Corpus) -> np.ndarray:
         """Mean probabilities over the windows of each capture [captures, classes]."""
@@ -144,7 +142,7 @@ class Reflex(MostProbable):
         return proba
 
     def seen(self, X: Corpus) -> list[Corpus]:
-        """The input of the features."""
+        """Captures as the features see them."""
         return [corpus for recipe in self._make_recipes() for corpus in recipe.seen(X)]
 
     @property
@@ -158,7 +156,7 @@ class Reflex(MostProbable):
         return self._make_recipes()[0].trained_faults
 
     def keeps_before(self, taxels: int) -> int:
-        """Numbers per taxel: mean, squares and largest of two halves of the other window; both lengths are kept."""
+        """Numbers for the other window: mean, squares and maximum of two halves per taxel."""
         return 6 * taxels
 
     @property

@@ -1,4 +1,4 @@
-"""Random convolutions and a ridge classifier: MiniRocket and MultiRocket-Hydra of the optional package aeon."""
+"""Random convolutions and a ridge classifier: MiniRocket and MultiRocket-Hydra of aeon."""
 
 from __future__ import annotations
 
@@ -17,40 +17,42 @@ from sklearn.preprocessing import StandardScaler
 from sklearn.utils.validation import check_is_fitted
 
 from bench.corpora.corpus import Corpus
-from bench.errors import InputError
+from bench.errors import InputError, check_value
 from bench.models.most_probable import MostProbable
 from bench.models.search.inner_folds import split_subjects
 from bench.models.series import CHANNELS, MIN_FRAMES, Series
 
 PUBLISHED_KERNELS = {"minirocket": 10_000, "multirocket_hydra": 6_250}  # as published
-MAX_SAMPLE_VALUES = 2**26  # numbers in the sample of training captures that biases are drawn from
+MAX_SAMPLE_VALUES = 2**26  # of the sample of training captures that biases are drawn from
 PENALTIES = np.logspace(0, 6, 13)
-BLOCK_COLUMNS = 1024  # of the feature matrix in double precision at a time
+BLOCK_COLUMNS = 1024  # of the feature matrix, converted to double precision at a time
 
 
 @dataclass(eq=False, repr=False)
 class Rocket(MostProbable):
-    """MiniRocket (Dempster et al. 2021) or MultiRocket-Hydra (Dempster et al. 2023) on the signals of a touch.
+    """MiniRocket (Dempster et al. 2021) or MultiRocket-Hydra (2023) on the signals of a touch.
 
-    aeon's transforms know no captures of different lengths, so each is resampled, by lines between its frames, to the
-    median length of the training captures. What this loses is its duration and, where it is longer, its fastest
-    changes; still it is right more often on generated captures than padding, whose constant stretches fill the features
-    (docs/notes/systems.md, rocket). Each channel is standardised over all training frames. Captures are transformed one
-    by one, so what one gets does not depend on the others.
+    aeon's transforms need captures of one length, so each is resampled linearly to the median
+    length of the training captures. This loses its duration and, if it is longer, its fastest
+    changes. Still, it is more accurate on generated captures than padding, whose constant values
+    dominate the features (docs/notes/systems.md, rocket). Each channel is standardised over all
+    training frames. Captures are transformed one by one, so they do not depend on each other.
 
-    The features, standardised on the training captures, go to a ridge regression on targets of -1 and 1. Its penalty,
-    and the temperature of the softmax that makes probabilities of its scores, are those with the lowest log loss on
-    training subjects left out one at a time. (The papers leave out single captures, and with them not their subject.)
-    Transform and scaling, which know no labels, are those of all training captures there.
+    The features, standardised on the training captures, go to a ridge regression on targets of -1
+    and 1. Its penalty, and the temperature of the softmax of its scores, are those with the lowest
+    log loss on training subjects left out one at a time. (The papers leave out single captures.)
+    Transform and scaling use no labels, and are fitted once to all training captures.
 
-    Needs the extra ``rocket``. numba compiles it on first use, for about a minute, and keeps that on disk.
+    It needs the extra ``rocket``. numba compiles it on first use, for about a minute, and caches
+    the result on disk.
 
     Args:
         transform: ``minirocket`` or ``multirocket_hydra``.
-        channels: ``signals`` for five (summed pressure, row and column of the centre of mass, maximum, share of taxels
-            above 5 % of full scale), ``taxels`` for one of each taxel, or ``both``.
-        kernels: convolutions of MiniRocket, or of MultiRocket on a series and again on its differences; None for the
-            published 10 000 or 6250. Hydra always has 64 groups of 8.
+        channels: ``signals`` for five (summed pressure, row and column of the centre of mass,
+            maximum, share of taxels above 5 % of full scale), ``taxels`` for one per taxel, or
+            ``both``.
+        kernels: number of convolutions of MiniRocket, or of MultiRocket on a series and on its
+            differences; None for the published 10 000 or 6250. Hydra always has 64 groups of 8.
         seed: random seed of convolutions, their channels and biases.
 
     Attributes:
@@ -69,30 +71,27 @@ class Rocket(MostProbable):
     seed: int = 0
 
     def check(self) -> None:
-        """Refuse invalid parameters before anything is run."""
+        """Check the parameters, and that aeon is installed."""
         for name, values in (("transform", PUBLISHED_KERNELS), ("channels", CHANNELS)):
-            if getattr(self, name) not in values:
-                raise InputError(f"model.{name}={getattr(self, name)}: give {' or '.join(values)}")
-        if self.kernels is not None and self.kernels < 84:
-            raise InputError(f"model.kernels={self.kernels}: give at least 84, one of each kind")
+            value = getattr(self, name)
+            check_value(f"model.{name}", value, value in values, " or ".join(values))
+        is_valid = self.kernels is None or self.kernels >= 84
+        check_value("model.kernels", self.kernels, is_valid, "at least 84, one of each kind")
         if find_spec("aeon") is None:
-            raise InputError(
-                "model=rocket needs the package aeon: pip install 'touchbench[rocket]', or '.[rocket]' in a clone"
-            )
+            install = "pip install 'touchbench[rocket]', or '.[rocket]' in a clone"
+            raise InputError(f"model=rocket needs the package aeon: {install}")
 
     def check_training(self, X: Corpus, y: np.ndarray) -> None:
-        """Refuse a training part before anything is run."""
+        """Check the training captures."""
         split_subjects(X.subjects.astype(str), "loso")
 
     def fit(self, X: Corpus, y: np.ndarray) -> Rocket:
         """Learn from captures and their class names."""
         self.check()
-        left_out = [one for _, one in split_subjects(X.subjects.astype(str), "loso")]
+        left_out = [rows for _, rows in split_subjects(X.subjects.astype(str), "loso")]
         with preserved_random_state():
             channels = Series(self.channels).fit(X[:1]).channels_
-            for transform in self._make_transforms(
-                84
-            ):  # so that numba compiles outside of what is timed
+            for transform in self._make_transforms(84):  # so that numba compiles before the timing
                 transform.fit_transform(np.zeros((2, channels, MIN_FRAMES), dtype=np.float32))
             wall, cpu = time.perf_counter(), time.process_time()
             self.classes_, codes = np.unique(y, return_inverse=True)
@@ -105,11 +104,9 @@ class Rocket(MostProbable):
                 transform.fit(sample)
         features = self._compute_features(X)
         self.scaler_ = StandardScaler().fit(features)
-        if (
-            self.transform == "multirocket_hydra"
-        ):  # Hydra's guard against patterns that hardly any capture holds
-            counts = self.transforms_[1].transform(sample[:1]).shape[1]
-            self.scaler_.scale_[-counts:] += (features[:, -counts:] == 0).mean(axis=0) ** 4
+        if self.transform == "multirocket_hydra":  # Hydra's guard against rare patterns
+            width = self.transforms_[1].transform(sample[:1]).shape[1]
+            self.scaler_.scale_[-width:] += (features[:, -width:] == 0).mean(axis=0) ** 4
         self._standardise(features)
         targets = np.where(np.eye(len(self.classes_), dtype=bool)[codes], 1.0, -1.0)
         ridge = Ridge(features, targets)
@@ -129,12 +126,12 @@ class Rocket(MostProbable):
         check_is_fitted(self, "coef_")
         features = self._compute_features(X)
         self._standardise(features)
-        # row by row, as a product of matrices rounds differently with the number of rows
+        # row by row, as the rounding of a matrix product depends on the number of rows
         scores = np.stack([row @ self.coef_ for row in features]) + self.intercept_
         return softmax(scores / self.temperature_, axis=1)
 
     def _make_transforms(self, kernels: int) -> list[TransformerMixin]:
-        """Those of aeon, untrained, on one thread."""
+        """Make aeon's transforms, untrained, on one thread."""
         from aeon.transformations.collection.convolution_based import (
             HydraTransformer,
             MiniRocket,
@@ -147,16 +144,16 @@ class Rocket(MostProbable):
         return [MultiRocket(kernels, random_state=self.seed), hydra]
 
     def _sample_series(self, X: Corpus) -> np.ndarray:
-        """Series of the training captures, or of some of them where all would take too much memory."""
-        most = max(MAX_SAMPLE_VALUES // (self.series_.channels_ * self.series_.length_), 2)
-        some = np.sort(np.random.default_rng(self.seed).permutation(len(X))[:most])
-        return self.series_.transform(X[some])
+        """Series of the training captures, or of a sample of them that fits into memory."""
+        size = max(MAX_SAMPLE_VALUES // (self.series_.channels_ * self.series_.length_), 2)
+        rows = np.sort(np.random.default_rng(self.seed).permutation(len(X))[:size])
+        return self.series_.transform(X[rows])
 
     def _compute_features(self, X: Corpus) -> np.ndarray:
-        """What the transforms make of each capture, float32 [captures, n_features]."""
-        for i, one in enumerate(self.series_.iter_series(X)):
-            parts = [transform.transform(one[None])[0] for transform in self.transforms_]
-            if len(parts) > 1:  # Hydra counts, and its authors take the square root
+        """Features of each capture, float32 [captures, n_features]."""
+        for i, series in enumerate(self.series_.iter_series(X)):
+            parts = [transform.transform(series[None])[0] for transform in self.transforms_]
+            if len(parts) > 1:  # Hydra's authors take the square root of its counts
                 parts[1] = np.sqrt(np.maximum(parts[1], 0))
             if i == 0:
                 features = np.empty((len(X), sum(map(len, parts))), dtype=np.float32)
@@ -170,42 +167,36 @@ class Rocket(MostProbable):
 
     @property
     def parameters_(self) -> int:
-        """Numbers learnt or drawn: for channels, convolutions (not their 84 fixed kinds), features and ridge."""
+        """Number of learnt or drawn values, without the 84 fixed kinds of convolutions."""
         check_is_fitted(self, "coef_")
-        drawn = sum(
-            np.asarray(a).size for transform in self.transforms_ for a in _drawn_arrays(transform)
-        )
-        return (
-            drawn
-            + 2 * (self.series_.channels_ + len(self.coef_))
-            + self.coef_.size
-            + self.intercept_.size
-            + 1
-        )
+        arrays = [a for transform in self.transforms_ for a in _drawn_arrays(transform)]
+        drawn = sum(np.asarray(a).size for a in arrays)
+        scales = 2 * (self.series_.channels_ + len(self.coef_))
+        return drawn + scales + self.coef_.size + self.intercept_.size + 1
 
     @property
     def activations_(self) -> int:
-        """Numbers in memory while aeon transforms one capture, and features and scores besides."""
+        """Numbers in memory while aeon transforms one capture, and its features and scores."""
         check_is_fitted(self, "coef_")
         channels = self.series_.channels_
-        # of each channel the series, its negative, its triple, a sum, nine shifted copies; then one convolution
+        # of each channel the series, its negative, its triple, a sum, nine shifted copies; then one
+        # convolution
         numbers = 13 * channels + 1
         if len(self.transforms_) > 1:
             hydra = self.transforms_[1]
-            picked = hydra._hydra.idx[0].shape[-1] if channels > 1 else 0
-            groups = hydra._hydra.h
-            # with the differences besides; Hydra: the channels that each group picks, their sum, its responses
-            numbers = max(
-                numbers + channels, 2 * channels + groups * (picked + 1 + hydra.n_kernels)
-            )
+            group_channels = hydra._hydra.idx[0].shape[-1] if channels > 1 else 0
+            # Hydra: the channels of each group, their sum, its responses; both transforms need the
+            # differences
+            of_hydra = hydra._hydra.h * (group_channels + 1 + hydra.n_kernels)
+            numbers = max(numbers + channels, 2 * channels + of_hydra)
         return numbers * self.series_.length_ + sum(self.coef_.shape)
 
 
 class Ridge:
-    """Ridge regression with an intercept for any penalty, and its predictions of captures that are left out.
+    """Ridge regression with an intercept for any penalty, and its predictions of left-out captures.
 
-    Predictions of a linear fit without some of its captures follow from the fit with them: with residuals r and hat
-    matrix H, the residuals of a group g become (I - H_gg)^-1 r_g.
+    Predictions of a linear fit without some of its captures follow from the fit with them. With
+    residuals r and hat matrix H, the residuals of a group g become (I - H_gg)^-1 r_g.
 
     Args:
         features: [captures, n_features], mean 0 in each column.
@@ -216,7 +207,7 @@ class Ridge:
         gram = np.zeros((len(features), len(features)))
         for start in range(0, features.shape[1], BLOCK_COLUMNS):
             part = features[:, start : start + BLOCK_COLUMNS].astype(np.float64)
-            part -= part.mean(axis=0)  # but for rounding it is 0
+            part -= part.mean(axis=0)  # 0 but for rounding
             gram += part @ part.T
         values, self.vectors = eigh(gram, overwrite_a=True, check_finite=False)
         self.values = np.maximum(values, 0)
@@ -224,7 +215,7 @@ class Ridge:
         self.rotated_targets = self.vectors.T @ (targets - targets.mean(axis=0))
 
     def dual_weights(self, penalty: float) -> np.ndarray:
-        """Weight of each capture [captures, n_targets]; features.T times it are the coefficients."""
+        """Weights of the captures [captures, n_targets]; features.T @ weights are coefficients."""
         return self.vectors @ (self.rotated_targets / (self.values + penalty)[:, None])
 
     def predict_left_out(self, penalty: float, groups: list[np.ndarray]) -> np.ndarray:
@@ -237,28 +228,26 @@ class Ridge:
         residuals = penalty * self.dual_weights(penalty)
         predicted = np.empty_like(self.targets)
         for group in groups:
-            mine = self.vectors[group]
-            rest = (mine * (penalty / (self.values + penalty))) @ mine.T - 1 / len(
-                self.targets
-            )  # I - H_gg
-            predicted[group] = self.targets[group] - np.linalg.solve(rest, residuals[group])
+            vectors = self.vectors[group]
+            shrunk = vectors * (penalty / (self.values + penalty))
+            remainder = shrunk @ vectors.T - 1 / len(self.targets)  # I - H_gg
+            predicted[group] = self.targets[group] - np.linalg.solve(remainder, residuals[group])
         return predicted
 
 
 def _fit_log_temperature(scores: np.ndarray, codes: np.ndarray) -> tuple[float, float]:
-    """The lowest mean log loss of a softmax of scores over a temperature, and that temperature."""
+    """Lowest mean log loss of a softmax of scores over a temperature, and that temperature."""
 
-    def loss(log: float) -> float:
-        return float(
-            -log_softmax(scores / np.exp(log), axis=1)[np.arange(len(codes)), codes].mean()
-        )
+    def log_loss(log_temperature: float) -> float:
+        log_proba = log_softmax(scores / np.exp(log_temperature), axis=1)
+        return float(-log_proba[np.arange(len(codes)), codes].mean())
 
-    lowest = minimize_scalar(loss, bounds=(-5, 5), method="bounded")
+    lowest = minimize_scalar(log_loss, bounds=(-5, 5), method="bounded")
     return float(lowest.fun), float(np.exp(lowest.x))
 
 
 def _drawn_arrays(transform: TransformerMixin) -> list:
-    """The arrays that a transform of aeon has drawn or learnt."""
+    """Arrays that a transform of aeon has drawn or learnt."""
     match type(transform).__name__:
         case "HydraTransformer":
             return [transform._hydra.W, *transform._hydra.idx]
@@ -269,7 +258,7 @@ def _drawn_arrays(transform: TransformerMixin) -> list:
 
 @contextmanager
 def preserved_random_state() -> Iterator[None]:
-    """Put back what aeon sets for the whole process: numpy's and PyTorch's generators, PyTorch's threads."""
+    """Restore what aeon sets for the process: numpy's and PyTorch's generators, threads."""
     import torch
 
     state, threads = np.random.get_state(), torch.get_num_threads()

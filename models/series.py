@@ -14,17 +14,19 @@ from bench.features.signals import Touch, capture_blocks
 
 CHANNELS = ("signals", "taxels", "both")
 CONTACT_SHARE = 0.05  # of full scale, above which a taxel is touched
-MIN_FRAMES = 10  # frames: the 9 of a kernel of MiniRocket, and one more for differences
+MIN_FRAMES = 10  # the 9 of a kernel of MiniRocket, and one more for differences
 
 
 @dataclass(eq=False, repr=False)
 class Series(TransformerMixin, BaseEstimator):
-    """Each capture resampled, by lines between its frames, to one length; channels standardised over training frames.
+    """Resamples each capture linearly to one length; standardises channels over training frames.
 
     Args:
-        channels: ``signals`` for five (summed pressure, row and column of the centre of mass, maximum, share of taxels
-            above 5 % of full scale), ``taxels`` for one of each taxel, or ``both``.
-        length: frames of a series; None for the median length of the training captures, at least 10.
+        channels: ``signals`` for five (summed pressure, row and column of the centre of mass,
+            maximum, share of taxels above 5 % of full scale), ``taxels`` for one per taxel, or
+            ``both``.
+        length: frames of a series; None for the median length of the training captures, at least
+            10.
 
     Attributes:
         level_: mean and SD of each channel.
@@ -47,14 +49,14 @@ class Series(TransformerMixin, BaseEstimator):
         for block in capture_blocks(X):
             touch = Touch(X[block])
             signals = (self._compute_channels(touch) - self.level_.mean_) / self.level_.scale_
-            for one in np.split(signals, touch.starts[1:]):
-                frames, at = np.arange(len(one)), np.linspace(0, len(one) - 1, self.length_)
-                yield np.stack([np.interp(at, frames, channel) for channel in one.T]).astype(
-                    np.float32
-                )
+            for capture in np.split(signals, touch.starts[1:]):
+                frames = np.arange(len(capture))
+                times = np.linspace(0, len(capture) - 1, self.length_)
+                channels = [np.interp(times, frames, channel) for channel in capture.T]
+                yield np.stack(channels).astype(np.float32)
 
     def transform(self, X: Corpus) -> np.ndarray:
-        """All of them, float32 [captures, channels, length_]."""
+        """All captures, float32 [captures, channels, length_]."""
         return np.stack(list(self.iter_series(X)))
 
     @property
@@ -63,10 +65,9 @@ class Series(TransformerMixin, BaseEstimator):
         return self.level_.n_features_in_
 
     def _compute_channels(self, touch: Touch) -> np.ndarray:
-        """The channels of some captures, float64 [frames, channels]."""
-        area = touch.share_above(np.full(len(touch.peak), CONTACT_SHARE * touch.full_scale))
-        signals = [touch.total, touch.centre, touch.peak, area]
-        chosen = {"signals": signals, "taxels": [touch.frames], "both": [touch.frames, *signals]}[
-            self.channels
-        ]
-        return np.column_stack(chosen).astype(np.float64)
+        """Channels of some captures, float64 [frames, channels]."""
+        parts = [touch.frames] if self.channels != "signals" else []
+        if self.channels != "taxels":
+            area = touch.share_above(np.full(len(touch.peak), CONTACT_SHARE * touch.full_scale))
+            parts += [touch.total, touch.centre, touch.peak, area]
+        return np.column_stack(parts).astype(np.float64)

@@ -13,22 +13,23 @@ from bench import contract
 if TYPE_CHECKING:
     from torch import nn
 
-BYTES_PER_NUMBER = 4  # of a number
+BYTES_PER_NUMBER = 4
 NOT_LEARNT = {"classes_", "n_features_in_", "feature_names_in_", "n_classes_", "n_outputs_"}
 
 
 def measure_sizes(estimator: contract.System, taxels: int, frames: int) -> dict[str, int]:
-    """Learnt numbers, and bytes in flash and in memory, four for each number; of systems in 8 bits one for a weight.
+    """Count learnt numbers, and bytes in flash and memory: four per number, one per 8-bit weight.
 
-    ``frames`` is the length of the longest capture to label.
+    Args:
+        estimator: the fitted system.
+        taxels: number of taxels.
+        frames: length of the longest capture to predict.
     """
     learnt = count_parameters(estimator)
-    constants = sum(map(_count_constants, _deciding_systems(estimator)))
-    saved = sum(
-        contract.bytes_saved(step)
-        for part in _deciding_systems(estimator)
-        for step in _flatten_pipeline(part)
-    )
+    systems = _deciding_systems(estimator)
+    constants = sum(map(_count_constants, systems))
+    steps = [step for system in systems for step in _flatten_pipeline(system)]
+    saved = sum(map(contract.bytes_saved, steps))
     return {
         "parameters": learnt,
         "flash_bytes": BYTES_PER_NUMBER * (learnt + constants) - saved,
@@ -37,97 +38,90 @@ def measure_sizes(estimator: contract.System, taxels: int, frames: int) -> dict[
 
 
 def count_working_numbers(estimator: contract.System, taxels: int, frames: int) -> int:
-    """Numbers in memory while the system decides once.
+    """Count the numbers in memory during one decision.
 
-    A network counts its input and the outputs of its layers (`nets.training.activations`). A classifier on features
-    counts what the features are computed from (`bench.contract.memory_of_features`), the features, what it works in, and a score per
-    class; any other system the whole capture and a score per class. What a frame goes through first is added.
+    A network counts its input and the outputs of its layers (`nets.training.count_activations`). A
+    classifier on features counts what the features need (`bench.contract.memory_of_features`), the
+    features, its working memory, and a score per class; any other system the whole capture and a
+    score per class. Steps before the system are added.
     """
     frames = contract.frames_at_once(estimator, frames)
-    *around, chosen = _unwrap_system(estimator)
-    before = sum(contract.memory_before(part, taxels) for part in (*around, chosen))
-    if together := contract.members(chosen):  # one after the other
-        return before + max(count_working_numbers(member, taxels, frames) for member in together)
+    layers = _unwrap_system(estimator)
+    chosen = layers[-1]
+    before = sum(contract.memory_before(layer, taxels) for layer in layers)
+    if members := contract.members(chosen):  # one after another
+        return before + max(count_working_numbers(member, taxels, frames) for member in members)
     if (numbers := contract.numbers_in_memory(chosen)) is not None:
         return before + int(numbers)
     classes, steps = len(chosen.classes_), _flatten_pipeline(chosen)
-    width = getattr(steps[-1], "n_features_in_", None)
-    if len(steps) > 1 and width:
-        return int(
-            before
-            + contract.memory_of_features(steps[0], frames, taxels)
-            + width
-            + _count_classifier_work(steps[-1])
-            + classes
-        )
-    return before + frames * taxels + classes
-
-
-def _count_classifier_work(classifier: BaseEstimator) -> int:
-    """Numbers that a classifier works in besides features and scores: of an SVM, the kernel of each support vector."""
-    if (numbers := contract.numbers_in_memory(classifier)) is not None:
-        return numbers
-    return len(_instance_attributes(classifier).get("support_", ()))
+    features, classifier = steps[0], steps[-1]
+    width = getattr(classifier, "n_features_in_", None)
+    if len(steps) == 1 or not width:
+        return before + frames * taxels + classes
+    needed = contract.memory_of_features(features, frames, taxels)
+    work = contract.numbers_in_memory(classifier)
+    if work is None:  # of an SVM the kernel of each support vector
+        work = len(_instance_attributes(classifier).get("support_", ()))
+    return int(before + needed + width + work + classes)
 
 
 def _unwrap_system(estimator: contract.System) -> list[contract.System]:
-    """A search or what has steps before it, what decides in its place, and so on."""
+    """The system, the one inside it (of a search, or after steps), and so on."""
     inner = contract.inner_system(estimator)
     return [estimator, *([] if inner is estimator else _unwrap_system(inner))]
 
 
 def _deciding_systems(estimator: contract.System) -> list[contract.System]:
-    """What decides in the place of a system: itself, what a search has chosen, all who decide together."""
-    chosen = _unwrap_system(estimator)[-1]
-    return [part for member in contract.members(chosen) for part in _deciding_systems(member)] or [
-        chosen
-    ]
+    """The fitted systems that predict: the innermost one, or its members."""
+    innermost = _unwrap_system(estimator)[-1]
+    systems = [_deciding_systems(member) for member in contract.members(innermost)]
+    return sum(systems, []) or [innermost]
 
 
-def _count_constants(part: contract.System) -> int:
-    """Numbers that must be kept besides the learnt ones: the scaling of features, what batch norms divide by."""
-    if modules := [value for value in _instance_attributes(part).values() if _is_network(value)]:
-        return sum(
-            b.numel() for module in modules for b in module.buffers() if b.is_floating_point()
-        )
-    *before, last = _flatten_pipeline(part)
-    return contract.constants(last) + sum(
-        2 * step.n_features_in_ for step in before[1:] if _is_scaler(step)
-    )
+def _count_constants(system: contract.System) -> int:
+    """Count stored numbers that are not learnt: scales of features, statistics of batch norms."""
+    networks = [value for value in _instance_attributes(system).values() if _is_network(value)]
+    if networks:
+        buffers = [buffer for network in networks for buffer in network.buffers()]
+        return sum(buffer.numel() for buffer in buffers if buffer.is_floating_point())
+    *before, last = _flatten_pipeline(system)
+    scalers = [step for step in before[1:] if _is_scaler(step)]
+    return contract.constants(last) + sum(2 * scaler.n_features_in_ for scaler in scalers)
 
 
 def count_parameters(estimator: contract.System) -> int:
-    """Learnt numbers that a device must hold to run the classifier.
+    """Count the learnt numbers that a device must store to run the classifier.
 
-    A system or feature set that tells them (`bench.contract.learnt_numbers`) is believed. An SVM counts its support
-    vectors, their coefficients and its intercepts; a linear model its coefficients and intercepts; trees two numbers
-    a node (a threshold, and in one the feature and where its other child or the leaf's values are), where each begins
-    (and of boosted ones, its class), and the class shares (or the value) of their leaves, equal ones of a forest once;
-    a network its parameters; anything else every number that its fitted attributes hold. A search is as large as what
-    it has chosen.
+    The number of a system or feature set that states it (`bench.contract.learnt_numbers`) is used.
+    An SVM counts its support vectors, their coefficients and its intercepts; a linear model its
+    coefficients and intercepts; a network its parameters. Trees count two numbers a node (a
+    threshold; the feature, and where its other child or the leaf's values are), one for the root
+    (of boosted ones two, with the class), and the class shares or the value of each leaf, equal
+    ones of a forest once. Anything else counts every number that its fitted attributes hold. A
+    search counts what it has chosen.
     """
-    return sum(_count_system(part) for part in _deciding_systems(estimator))
+    return sum(_count_pipeline(system) for system in _deciding_systems(estimator))
 
 
-def _count_system(part: contract.System) -> int:
-    *before, last = _flatten_pipeline(part)
+def _count_pipeline(system: contract.System) -> int:
+    """Count the learnt numbers of a feature set, the steps after it and a classifier; no scalers."""
+    *before, classifier = _flatten_pipeline(system)
+    counted = [step for step in before[1:] if not _is_scaler(step)] + [classifier]
     features = contract.learnt_numbers(before[0]) or 0 if before else 0
-    return int(
-        features
-        + sum(_count_learnt(step) for step in before[1:] if not _is_scaler(step))
-        + _count_learnt(last)
-    )
+    return int(features + sum(map(_count_learnt, counted)))
 
 
 def _flatten_pipeline(estimator: contract.System) -> list[BaseEstimator]:
-    """Of a pipeline, pipelines inside it included; else the estimator alone."""
-    inner = _instance_attributes(estimator).get("steps")
-    return [step for _, part in inner for step in _flatten_pipeline(part)] if inner else [estimator]
+    """The steps of a pipeline and of pipelines inside it; else the estimator alone."""
+    steps = _instance_attributes(estimator).get("steps")
+    if not steps:
+        return [estimator]
+    return [part for _, step in steps for part in _flatten_pipeline(step)]
 
 
 def _instance_attributes(part: object) -> dict[str, Any]:
-    values = getattr(part, "__dict__", {})
-    return values if isinstance(values, dict) else {}
+    attributes = getattr(part, "__dict__", {})
+    return attributes if isinstance(attributes, dict) else {}
 
 
 def _is_scaler(step: object) -> bool:
@@ -135,77 +129,63 @@ def _is_scaler(step: object) -> bool:
 
 
 def _count_learnt(part: BaseEstimator) -> int:
+    """Count the learnt numbers of one estimator or network, by its kind."""
     if (numbers := contract.learnt_numbers(part)) is not None:
         return int(numbers)
     if _is_network(part):
         return sum(p.numel() for p in part.parameters())
-    values = _instance_attributes(part)
-    if "support_" in values:  # support_vectors_ is a property of some versions
+    attributes = _instance_attributes(part)
+    if "support_" in attributes:  # support_vectors_ is a property in some versions
         return int(part.support_vectors_.size + part.dual_coef_.size + part.intercept_.size)
-    if "coef_" in values:
-        return int(np.size(part.coef_) + np.size(values.get("intercept_", ())))
-    if "coefs_" in values:  # a perceptron, which keeps its optimiser as well
+    if "coef_" in attributes:
+        return int(np.size(part.coef_) + np.size(attributes.get("intercept_", ())))
+    if "coefs_" in attributes:  # a perceptron, which also keeps its optimiser
         return sum(a.size for a in (*part.coefs_, *part.intercepts_))
-    if "tree_" in values:
+    if "tree_" in attributes:
         return _count_trees([part])
     if type(part).__module__.startswith("xgboost"):
-        trees = (
-            part.get_booster().get_dump()
-        )  # a line per node; as a table it takes ten times as long
+        trees = part.get_booster().get_dump()  # a line per node, ten times as fast as a table
         return sum(2 * tree.count("\n") + tree.count("leaf=") + 2 for tree in trees)
-    if "estimators_" in values:  # the members of an ensemble are all there is
-        members = (
-            [*part.estimators_.ravel()]
-            if isinstance(part.estimators_, np.ndarray)
-            else part.estimators_
-        )
-        last = [values["final_estimator_"]] if "final_estimator_" in values else []
-        if not last and all("tree_" in _instance_attributes(member) for member in members):
+    if "estimators_" in attributes:
+        members = part.estimators_
+        members = [*(members.ravel() if isinstance(members, np.ndarray) else members)]
+        if "final_estimator_" in attributes:
+            members.append(part.final_estimator_)
+        elif all("tree_" in _instance_attributes(member) for member in members):
             return _count_trees(members)
-        return sum(count_parameters(member) for member in [*members, *last])
-    settings = part.get_params(deep=False) if isinstance(part, BaseEstimator) else {}
-    return sum(
-        _count_numbers(value)
-        for name, value in values.items()
-        if name not in {*settings, *NOT_LEARNT}
-    )
+        return sum(map(count_parameters, members))
+    parameters = part.get_params(deep=False) if isinstance(part, BaseEstimator) else {}
+    not_learnt = {*parameters, *NOT_LEARNT}
+    return sum(_count_numbers(v) for name, v in attributes.items() if name not in not_learnt)
 
 
 def _count_trees(members: list) -> int:
-    """Two numbers a node, one a tree, and what leaves hold, equal ones once."""
-    trees = [
-        getattr(member.tree_, "tree_", member.tree_) for member in members
-    ]  # of a tree that was pruned as well
-    leaves = np.concatenate(
-        [tree.value[tree.children_left < 0].reshape(-1, tree.value[0].size) for tree in trees]
-    )
-    distinct = ~pd.DataFrame(
-        leaves.astype(np.float32)
-    ).duplicated()  # by hashes: sorting rows takes ten times as long
-    return sum(2 * tree.node_count + 1 for tree in trees) + int(distinct.sum()) * leaves.shape[1]
+    """Count two numbers a node, one a tree, and the values of leaves, equal ones once."""
+    trees = [getattr(member.tree_, "tree_", member.tree_) for member in members]  # or a PrunedTree
+    leaves = [tree.value[tree.children_left < 0].reshape(-1, tree.value[0].size) for tree in trees]
+    values = np.concatenate(leaves).astype(np.float32)
+    is_repeated = pd.DataFrame(values).duplicated()  # by hashes: sorting takes ten times as long
+    return sum(2 * tree.node_count + 1 for tree in trees) + values[~is_repeated].size
 
 
 def _count_numbers(value: object) -> int:
-    """Numbers that a fitted attribute holds, whatever it is made of."""
-    if (
-        isinstance(value, np.ndarray) and value.dtype.names and "is_leaf" in value.dtype.names
-    ):  # histogram boosting
-        return 2 * len(value) + int(value["is_leaf"].sum())
-    if isinstance(value, np.ndarray) and value.dtype != object:
+    """Count the numbers in a fitted attribute of any type."""
+    if isinstance(value, np.ndarray):
+        if value.dtype.names and "is_leaf" in value.dtype.names:  # histogram boosting
+            return 2 * len(value) + int(value["is_leaf"].sum())
+        if value.dtype == object:
+            return sum(map(_count_numbers, value.ravel()))
         return value.size if value.dtype.kind in "iuf" else 0
     if isinstance(value, float | np.floating):
         return 1
-    if isinstance(value, np.ndarray):
-        return sum(map(_count_numbers, value.ravel()))
-    if isinstance(value, dict | list | tuple):
-        return sum(map(_count_numbers, value.values() if isinstance(value, dict) else value))
+    if isinstance(value, dict):
+        return sum(map(_count_numbers, value.values()))
+    if isinstance(value, list | tuple):
+        return sum(map(_count_numbers, value))
     if isinstance(value, BaseEstimator):
         return count_parameters(value)
-    return (
-        _count_learnt(value)
-        if _is_network(value) or type(value).__module__.startswith("sklearn.")
-        else 0
-    )
+    is_counted = _is_network(value) or type(value).__module__.startswith("sklearn.")
+    return _count_learnt(value) if is_counted else 0
 
 
 def _is_network(value: object) -> TypeGuard[nn.Module]:

@@ -13,37 +13,37 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Range:
-    """Values from low to high, whole numbers if both are; ``log`` spreads them over orders of magnitude."""
+    """Values from low to high, integers if both are; ``log`` draws them by order of magnitude."""
 
     low: float
     high: float
     log: bool = False
 
+    @property
+    def is_integer(self) -> bool:
+        """True if both ends are integers."""
+        return isinstance(self.low, int) and isinstance(self.high, int)
+
 
 Space = dict[str, Range | Sequence]
 Trial = dict[str, object]  # a value of each parameter
-Tuning = dict[
-    str, Any
-]  # of a cell: its space, arguments of `bench.models.search.tuning.Search`, and smallest=
+# Of a cell: its space, arguments of `bench.models.search.tuning.Search`, and smallest=.
+Tuning = dict[str, Any]
 
 
 def make_distribution(values: Range | Sequence) -> BaseDistribution:
-    """The values as Optuna has them."""
+    """Optuna's distribution of the values."""
     from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
 
     if not isinstance(values, Range):
         return CategoricalDistribution(list(values))
-    whole = isinstance(values.low, int) and isinstance(values.high, int)
-    return (IntDistribution if whole else FloatDistribution)(
-        values.low, values.high, log=values.log
-    )
+    distribution = IntDistribution if values.is_integer else FloatDistribution
+    return distribution(values.low, values.high, log=values.log)
 
 
 def suggest_value(draft: Draft, name: str, values: Range | Sequence) -> object:
-    """A value that a trial of Optuna draws."""
+    """Value that a trial of Optuna draws."""
     if not isinstance(values, Range):
         return draft.suggest_categorical(name, list(values))
-    whole = isinstance(values.low, int) and isinstance(values.high, int)
-    return (draft.suggest_int if whole else draft.suggest_float)(
-        name, values.low, values.high, log=values.log
-    )
+    suggest = draft.suggest_int if values.is_integer else draft.suggest_float
+    return suggest(name, values.low, values.high, log=values.log)

@@ -16,8 +16,8 @@ PENALTIES = [2.0**k for k in range(-5, 16, 2)]  # of the published grids
 class RankedSVC(SVC):
     """An SVC whose probabilities are a softmax of its decision values.
 
-    They are not calibrated. scikit-learn's own probabilities come from inner folds that mix
-    subjects.
+    They rank the classes as the decision values do. scikit-learn's own probabilities come from
+    inner folds that mix subjects.
     """
 
     def predict_proba(self, X: np.ndarray) -> np.ndarray:
@@ -37,8 +37,7 @@ def svm(
 ) -> Pipeline:
     """Support vector machine on scaled features, LIBSVM, one against one.
 
-    Probabilities are a softmax of the decision values: their order is right, their size is not
-        calibrated.
+    Probabilities are a softmax of the decision values; they are not calibrated.
 
     Args:
         features: transformer from captures to a table.

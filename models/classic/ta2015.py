@@ -1,8 +1,7 @@
 """The systems of Ta, Johal, Portaz, Castelli and Vaufreydaz 2015 (ICMI challenge), 273 features.
 
-The submissions that were trained on manually filtered captures cannot be repeated: which ones were
-    left out is not
-published.
+The submissions trained on manually filtered captures cannot be repeated, as the left-out captures
+are not published.
 """
 
 from sklearn.pipeline import Pipeline

@@ -1,9 +1,8 @@
 """The one training loop that the networks share.
 
-Windows are cut from the corpus batch by batch: one gather of frames by index, in the memory layout
-    of `taxel_major` and
-`time_blocks`. These two are faster than a plain loop over a DataLoader; the rest of the loop is as
-fast (benchmarks/bench_training.py).
+Windows are cut from the corpus batch by batch, by one gather of frames in the memory layout of
+`taxel_major` and `time_blocks`. These two are faster than a plain loop over a DataLoader; the rest
+of the loop is as fast (benchmarks/bench_training.py).
 """
 
 from __future__ import annotations

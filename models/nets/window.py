@@ -165,10 +165,9 @@ class WindowNet(MostProbable):
                 of windows does not fit into memory.
         """
         if self.frames is not None:
-            name = "seconds" if self.seconds else "frames"
+            length = f"seconds={self.seconds:g}" if self.seconds else f"frames={self.frames}"
             values = self.batch * float(self.length(X.rate_hz)) * int(np.prod(X.grid))
-            keys = f"model.{name}={getattr(self, name):g} model.batch={self.batch}"
-            check_memory(keys, 4 * values)
+            check_memory(f"model.{length} model.batch={self.batch}", 4 * values)
         if self.holds_out and len(set(X.subjects.astype(str))) < 2:
             name = type(self).__name__
             raise InputError(

@@ -54,7 +54,7 @@ def test_steps_are_taken_one_after_the_other(corpus):
     model = build_recipe(
         svm, Jung28(), window=0.1, repair="offset+dead", scale="peak", faults=("noise",), copies=2
     )
-    assert model.training_steps() == steps and model.steps() == steps[1:]
+    assert model.training_steps() == steps and model.prediction_steps() == steps[1:]
     model.fit(corpus, corpus.gestures)
     again = svm(Jung28()).fit(seen, seen.gestures)
     assert np.array_equal(model.system_.predict_proba(corpus), again.predict_proba(corpus))

@@ -67,7 +67,7 @@ DAILY = [name for name in (*PARTS, *COMPOSED) if name not in SLOW]
 def made(name, **options):
     """A system with little to learn."""
     factory = load_part("models", name)
-    defaults = recipe.defaults_of(factory)
+    defaults = recipe.parameter_defaults(factory)
     usual = (
         {k: v for k, v in {"epochs": 1}.items() if k in defaults} | QUICK.get(name, {}) | options
     )

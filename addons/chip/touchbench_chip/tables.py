@@ -157,7 +157,7 @@ def _unwrap_recipe(estimator: Any, inside: str = "system_") -> tuple[Any, list[S
     system = getattr(recipe, inside) if recipe else estimator
     if isinstance(system, Reflex):
         raise InputError("reflex with model.scale= or other steps has no C; leave these steps out")
-    steps = recipe.steps() if recipe else []
+    steps = recipe.prediction_steps() if recipe else []
     if any(isinstance(step, Scale) and step.kind == "log" for step in steps):
         raise InputError("model.scale=log has no C; fit with model.scale=peak or without")
     return system, steps

@@ -1,7 +1,8 @@
-"""Adaptation makes a fitted system for one person, from some captures of this person; the given system does not change.
+"""Adaptation of fitted systems to one person, from some captures of this person.
 
-A user's own system has a method ``adapt(X, y)``, which returns the adapted system; y is None without labels. Here is a
-function for each system of touchbench that can adapt.
+The given system does not change. A user's own system has a method ``adapt(X, y)``, which returns
+the adapted system; ``y`` is None without labels. Each built-in system that can adapt has a function
+here.
 """
 
 from __future__ import annotations
@@ -13,8 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from scipy.optimize import minimize
-from scipy.special import log_softmax, softmax
 from sklearn.pipeline import Pipeline
 from sklearn.utils.validation import check_is_fitted
 
@@ -22,6 +21,7 @@ from bench import contract
 from bench.errors import InputError
 from bench.features.base import capture_of_rows
 from bench.models.recipe import Recipe, apply_steps
+from touchbench_people.last_layer import relearn_layer, relearn_network
 
 if TYPE_CHECKING:
     from bench.corpora.corpus import Corpus
@@ -31,26 +31,28 @@ if TYPE_CHECKING:
     from bench.models.out_of_distribution import GuardedDiscriminants
     from bench.models.reflex import Reflex
 
-WEIGHT = 10  # of a row of the person beside one of training; docs/notes/numbers.md
-PRIOR = 5.0  # weight of the mean of training beside the captures of a person, in captures
-STIFF = 0.3  # of a network's last layer
-ROUNDS = 200  # at most, until it has learnt
-OWN = contract.Method("adapt", ("X", "y"), lambda X, y: None)
+SHOT_WEIGHT = 10  # of a row of the person, relative to one of training; docs/notes/numbers.md
+PRIOR_CAPTURES = 5.0  # weight of the training mean, in captures of the person
+ADAPT_METHOD = contract.Method("adapt", ("X", "y"), lambda X, y: None)
 
 
-def adapts(system: Any) -> bool:
-    """Whether a system, fitted or not, adapts to a person; one with weights in few bits does not."""
-    if OWN.find_method(system):
+def can_adapt(system: Any) -> bool:
+    """Return True if a system, fitted or not, can adapt; weights of few bits cannot."""
+    if ADAPT_METHOD.find_method(system):
         return True
     if isinstance(system, Pipeline):
-        return adapts(system.steps[-1][1])
+        return can_adapt(system.steps[-1][1])
     if getattr(system, "bits", 32) != 32:
         return False
-    return adapts(system.system) if isinstance(system, Recipe) else _way_of(system) is not None
+    return (
+        can_adapt(system.system)
+        if isinstance(system, Recipe)
+        else _find_adapter(system) is not None
+    )
 
 
-def adapted(system: Any, X: Corpus | pd.DataFrame, y: np.ndarray | None) -> Any:
-    """A fitted system that `adapts`, for one person.
+def adapt_system(system: Any, X: Corpus | pd.DataFrame, y: np.ndarray | None) -> Any:
+    """Adapt a fitted system to one person.
 
     Args:
         system: fitted; a part of a pipeline is given features.
@@ -58,163 +60,156 @@ def adapted(system: Any, X: Corpus | pd.DataFrame, y: np.ndarray | None) -> Any:
         y: class names; None if unlabelled.
     """
     X = contract.blind_captures(system, X) if y is None else X
-    if OWN.find_method(system):
-        return deepcopy(system).adapt(
-            X, y
-        )  # one that changes itself would carry the captures into other tests
+    if ADAPT_METHOD.find_method(system):
+        # A system that changes itself would carry the captures into other tests.
+        return deepcopy(system).adapt(X, y)
     if isinstance(system, Pipeline):
         *before, (name, last) = system.steps
         table = Pipeline(before).transform(X) if before else X
-        return Pipeline([*before, (name, adapted(last, table, y))])
-    way = _way_of(system)
-    if way is None:
-        raise InputError(f"{type(system).__name__} does not adapt to a person")
-    return way(system, X, y)
+        return Pipeline([*before, (name, adapt_system(last, table, y))])
+    adapter = _find_adapter(system)
+    if adapter is None:
+        raise InputError(f"{type(system).__name__} cannot adapt to a person")
+    return adapter(system, X, y)
 
 
-def behind_steps(recipe: Recipe, X: Corpus, y: np.ndarray | None) -> Recipe:
-    """The system inside adapts to captures after the steps."""
-    seen, row = apply_steps(X, recipe.steps())
-    mine = copy(recipe)
-    mine.system_ = adapted(recipe.system_, seen, None if y is None else np.asarray(y)[row])
-    return mine
+def adapt_recipe(recipe: Recipe, X: Corpus, y: np.ndarray | None) -> Recipe:
+    """Adapt the system inside to captures after the steps."""
+    pieces, row = apply_steps(X, recipe.prediction_steps())
+    labels = None if y is None else np.asarray(y)[row]
+    adapted = copy(recipe)
+    adapted.system_ = adapt_system(recipe.system_, pieces, labels)
+    return adapted
 
 
-def both_windows(reflex: Reflex, X: Corpus, y: np.ndarray | None) -> Reflex:
-    """Both discriminants learn what has labels, and so does the last layer of the network."""
-    mine = copy(reflex)
-    mine.whole_, mine.early_ = adapted(reflex.whole_, X, y), adapted(reflex.early_, X, y)
-    return mine
+def adapt_reflex(reflex: Reflex, X: Corpus, y: np.ndarray | None) -> Reflex:
+    """Adapt both discriminants and, with labels, the last layer of the network."""
+    adapted = copy(reflex)
+    adapted.whole_ = adapt_system(reflex.whole_, X, y)
+    adapted.early_ = adapt_system(reflex.early_, X, y)
+    return adapted
 
 
-def discriminants(
+def adapt_discriminants(
     general: Discriminants,
     X: pd.DataFrame | np.ndarray,
     y: np.ndarray | None,
-    weight: float = float(WEIGHT),
+    weight: float = float(SHOT_WEIGHT),
 ) -> Discriminants:
-    """Features are measured from the person's own mean, and with labels their captures are learnt, too.
+    """Move the mean to that of the person; with labels, also learn the person's rows.
 
-    The mean of the person's rows takes the place of that of training, as far as `share` goes; where captures with
-    labels are not of all classes alike, rows are measured from their classes for that. Rows with labels then join those
-    of training with a weight, in closed form: the statistics that were learnt are all that is needed.
+    The training mean moves towards that of the person's rows by `mean_weight`. If labelled captures
+    are not spread equally over the classes, class means are removed from the rows first. Labelled
+    rows then join those of training with a weight, in closed form from the learned statistics.
 
     Args:
-        general: fitted.
+        general: fitted; it does not change.
         X: features [rows, n_features] of some captures of the person.
         y: class names [rows], all from training; None if unlabelled.
         weight: weight of a labelled row relative to one of training.
     """
-    mine = copy(general)
+    adapted = copy(general)
     old = general.learnt_
     Z = (np.asarray(X, dtype=np.float64) - old.mean) / old.sd
     captures = capture_of_rows(X)
-    codes = None if y is None else codes_of(y, general.classes_)
-    believed, apart = share(captures, codes, len(general.classes_))
-    shift = believed * (Z - old.class_means[codes] if apart else Z).mean(axis=0)
+    codes = None if y is None else class_codes(y, general.classes_)
+    own_weight, is_unbalanced = mean_weight(captures, codes, len(general.classes_))
+    shift = own_weight * (Z - old.class_means[codes] if is_unbalanced else Z).mean(axis=0)
     total = old.weights.sum()
-    mine.learnt_ = replace(old, mean=old.mean + np.where(np.isfinite(old.sd), old.sd, 0) * shift)
+    sd = np.where(np.isfinite(old.sd), old.sd, 0)
+    adapted.learnt_ = replace(old, mean=old.mean + sd * shift)
     if codes is not None:
-        mine.learnt_ = _joined(mine, Z - shift, codes, captures, np.full(len(Z), weight))
+        weights = np.full(len(Z), weight)
+        adapted.learnt_ = _join_rows(adapted, Z - shift, codes, captures, weights)
         total += weight * len(Z)
-    mine.solve_coefficients(total)
-    return mine
+    adapted.solve_coefficients(total)
+    return adapted
 
 
-def _joined(
+def _join_rows(
     linear: Discriminants,
     Z: np.ndarray,
     codes: np.ndarray,
     captures: np.ndarray,
     weight: np.ndarray,
 ) -> TrainingStatistics:
-    """What was learnt, and more rows."""
+    """Statistics of the training rows and of more rows together."""
     old = linear.learnt_
-    heavy = np.bincount(codes, weight, len(linear.classes_))
-    centres = np.zeros_like(old.class_means)
-    np.add.at(centres, codes, Z * weight[:, None])
-    centres /= np.where(heavy > 0, heavy, 1)[:, None]
-    both = old.weights + heavy
-    apart = np.sqrt(linear.windows * old.weights * heavy / both)[:, None] * (
-        centres - old.class_means
-    )
-    scatter = (
-        old.scatter
-        + linear.weighted_scatter(Z - centres[codes], captures, weight)
-        + apart.T @ apart
-    )
-    mixed = (old.weights[:, None] * old.class_means + heavy[:, None] * centres) / both[:, None]
-    return replace(old, class_means=mixed, weights=both, scatter=scatter)
+    new_weights = np.bincount(codes, weight, len(linear.classes_))
+    means = np.zeros_like(old.class_means)
+    np.add.at(means, codes, Z * weight[:, None])
+    means /= np.where(new_weights > 0, new_weights, 1)[:, None]
+    total = old.weights + new_weights
+    between_weight = np.sqrt(linear.windows * old.weights * new_weights / total)[:, None]
+    between = between_weight * (means - old.class_means)
+    within = linear.weighted_scatter(Z - means[codes], captures, weight)
+    scatter = old.scatter + within + between.T @ between
+    summed = old.weights[:, None] * old.class_means + new_weights[:, None] * means
+    return replace(old, class_means=summed / total[:, None], weights=total, scatter=scatter)
 
 
-def guarded(
+def adapt_guarded(
     general: GuardedDiscriminants, X: pd.DataFrame, y: np.ndarray | None
 ) -> GuardedDiscriminants:
-    """As `discriminants`; the usual range moves with their mean, and so does the network, whose last layer learns."""
-    mine = copy(general)
-    mine.linear_ = discriminants(general.linear_, X, y)
-    moved = (mine.linear_.learnt_.mean - general.linear_.learnt_.mean).astype(np.float32)
-    mine.mean_ = general.mean_ + moved
+    """Adapt the discriminants and the network, and move the usual range with the mean."""
+    adapted = copy(general)
+    adapted.linear_ = adapt_discriminants(general.linear_, X, y)
+    shift = (adapted.linear_.learnt_.mean - general.linear_.learnt_.mean).astype(np.float32)
+    adapted.mean_ = general.mean_ + shift
     network = copy(general.robust_)
-    network.mean_ = network.mean_ + moved
-    mine.robust_ = perceptron(network, X, y)
-    return mine
+    network.mean_ = network.mean_ + shift
+    adapted.robust_ = adapt_perceptron(network, X, y)
+    return adapted
 
 
-def perceptron(
+def adapt_perceptron(
     general: Perceptron, X: pd.DataFrame | np.ndarray, y: np.ndarray | None
 ) -> Perceptron:
-    """The last layer learns the person's captures; without labels nothing changes."""
+    """Train the last layer with the person's captures; without labels nothing changes."""
     if y is None:
         return general
-    mine = copy(general)
+    adapted = copy(general)
     old = np.column_stack([general.coefs_[1].T, general.intercepts_[1]])
-    new = relearnt(
-        old, general.hidden_activations(X), codes_of(y, general.classes_), capture_of_rows(X)
-    ).astype(np.float32)
-    mine.coefs_ = [general.coefs_[0], new[:, :-1].T.copy()]
-    mine.intercepts_ = [general.intercepts_[0], new[:, -1]]
-    return mine
+    codes, hidden = class_codes(y, general.classes_), general.hidden_activations(X)
+    new = relearn_layer(old, hidden, codes, capture_of_rows(X)).astype(np.float32)
+    adapted.coefs_ = [general.coefs_[0], new[:, :-1].T.copy()]
+    adapted.intercepts_ = [general.intercepts_[0], new[:, -1]]
+    return adapted
 
 
-def network(general: WindowNet, X: Corpus, y: np.ndarray | None) -> WindowNet:
-    """The last layer learns the person's captures; without labels nothing changes."""
-    from touchbench_people.last_layer import relearnt as in_network
-
+def adapt_network(general: WindowNet, X: Corpus, y: np.ndarray | None) -> WindowNet:
+    """Train the last layer with the person's captures; without labels nothing changes."""
     check_is_fitted(general, "net_")
     if y is None:
         return general
-    mine = copy(general)
-    codes = codes_of(np.asarray(y), general.classes_)
-    mine.net_ = in_network(
-        general.net_, general.samples(X), codes, general.batch, general.compute_logits
-    )
-    return mine
+    adapted = copy(general)
+    codes = class_codes(np.asarray(y), general.classes_)
+    adapted.net_ = relearn_network(general, general.samples(X), codes)
+    return adapted
 
 
-WAYS: dict[
-    str, Callable | None
-] = {  # by class, so that none is imported; the first in the order of inheritance counts
-    "bench.models.adapters.FromTorch": None,  # a module may end in anything
-    "bench.models.classic.lda.Discriminants": discriminants,
-    "bench.models.classic.perceptron.Perceptron": perceptron,
-    "bench.models.nets.window.WindowNet": network,
-    "bench.models.out_of_distribution.GuardedDiscriminants": guarded,
-    "bench.models.recipe.Recipe": behind_steps,
-    "bench.models.reflex.Reflex": both_windows,
+# By name of the class, so that none is imported; the first in the order of inheritance counts.
+ADAPTERS: dict[str, Callable | None] = {
+    "bench.models.adapters.FromTorch": None,  # a module may end in any layer
+    "bench.models.classic.lda.Discriminants": adapt_discriminants,
+    "bench.models.classic.perceptron.Perceptron": adapt_perceptron,
+    "bench.models.nets.window.WindowNet": adapt_network,
+    "bench.models.out_of_distribution.GuardedDiscriminants": adapt_guarded,
+    "bench.models.recipe.Recipe": adapt_recipe,
+    "bench.models.reflex.Reflex": adapt_reflex,
 }
 
 
-def _way_of(system: object) -> Callable | None:
-    found = (f"{kind.__module__}.{kind.__qualname__}" for kind in type(system).__mro__)
-    return next((WAYS[name] for name in found if name in WAYS), None)
+def _find_adapter(system: object) -> Callable | None:
+    names = [f"{kind.__module__}.{kind.__qualname__}" for kind in type(system).__mro__]
+    return next((ADAPTERS[name] for name in names if name in ADAPTERS), None)
 
 
-def share(captures: np.ndarray, codes: np.ndarray | None, classes: int) -> tuple[float, bool]:
-    """Weight of the person's own mean, 0 to 1, and True if class means must be removed from it first.
+def mean_weight(captures: np.ndarray, codes: np.ndarray | None, classes: int) -> tuple[float, bool]:
+    """Weight of the person's own mean, 0 to 1, and True if class means must be removed first.
 
-    With as many labelled captures of each class it is the whole way, of anything else n captures go n / (n + 5) of it:
-    a few captures may be of a few classes.
+    With equally many labelled captures of each class the weight is 1. Otherwise n captures have n /
+    (n + 5), as few captures may be of few classes.
 
     Args:
         captures: capture of each row, numbered from 0.
@@ -223,50 +218,20 @@ def share(captures: np.ndarray, codes: np.ndarray | None, classes: int) -> tuple
     """
     count = captures.max() + 1
     if codes is None:
-        return count / (count + PRIOR), False
-    each = np.bincount(codes[np.unique(captures, return_index=True)[1]], minlength=classes)
-    return (1.0, False) if (each == each[0]).all() else (count / (count + PRIOR), True)
+        return count / (count + PRIOR_CAPTURES), False
+    per_class = np.bincount(codes[np.unique(captures, return_index=True)[1]], minlength=classes)
+    if (per_class == per_class[0]).all():
+        return 1.0, False
+    return count / (count + PRIOR_CAPTURES), True
 
 
-def codes_of(y: np.ndarray, classes: np.ndarray) -> np.ndarray:
+def class_codes(y: np.ndarray, classes: np.ndarray) -> np.ndarray:
     """Positions of class names.
 
     Raises:
-        InputError: one of them was never learnt.
+        InputError: a class is unknown.
     """
     if not np.isin(y, classes).all():
         unknown = sorted(set(map(str, y)) - set(map(str, classes)))
-        raise InputError(f"{unknown[0]!r} is none of the classes that were learnt")
+        raise InputError(f"{unknown[0]!r} is not a class of the trained system")
     return np.searchsorted(classes, y)
-
-
-def relearnt(
-    old: np.ndarray, inputs: np.ndarray, codes: np.ndarray, captures: np.ndarray
-) -> np.ndarray:
-    """The last layer of a network after it has learnt some captures of a person, too.
-
-    It minimises the cross-entropy of their captures, a mean over the rows of each, while its weights stay near those
-    that it had: the squared distance costs half of `STIFF` times the mean square length of a row.
-
-    Args:
-        old: weights, and the intercept as the last column [classes, inputs + 1].
-        inputs: inputs of the layer [rows, inputs].
-        codes: class of each row.
-        captures: capture of each row.
-    """
-    inputs = np.column_stack([inputs, np.ones(len(inputs))]).astype(np.float64)
-    share = (1 / np.bincount(captures)[captures])[:, None]
-    wanted = np.eye(len(old))[codes]
-    price = STIFF * np.mean((inputs**2).sum(axis=1))
-
-    def loss(flat: np.ndarray) -> tuple[float, np.ndarray]:
-        away = flat.reshape(old.shape) - old
-        logits = inputs @ (away + old).T
-        wrong = (softmax(logits, axis=1) - wanted) * share
-        cost = -(wanted * log_softmax(logits, axis=1) * share).sum() + price / 2 * (away**2).sum()
-        return cost, (wrong.T @ inputs + price * away).ravel()
-
-    begin = old.astype(np.float64)
-    return minimize(
-        loss, begin.ravel(), jac=True, method="L-BFGS-B", options={"maxiter": ROUNDS}
-    ).x.reshape(old.shape)
