@@ -71,7 +71,7 @@ def fits(people: int) -> Callable[[], object]:
 def fronts(systems: int) -> Callable[[], object]:
     """A Pareto front."""
     accuracy, cost = np.random.default_rng(0).random((2, systems))
-    return lambda: pareto.front(accuracy, cost)
+    return lambda: pareto.is_on_front(accuracy, cost)
 
 
 def repair(side: int) -> Callable[[], object]:

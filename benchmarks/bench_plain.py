@@ -12,7 +12,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from bench.corpora.library import imported
+from bench.corpora.library import imported_names
 
 TINY = "data.subjects=3 data.variants=normal data.repetitions=2"
 SYSTEMS = ("lda features=touch", "rf features=jung28", "svm features=jung28")
@@ -44,7 +44,7 @@ def spent(code: str, folder: str) -> tuple[float, float]:
 
 def main() -> None:
     """Print a line for each system."""
-    corpora = [TINY, *(["data=haart"] if "haart" in imported() else [])]
+    corpora = [TINY, *(["data=haart"] if "haart" in imported_names() else [])]
     for words in [f"{corpus} model={system}" for corpus in corpora for system in SYSTEMS]:
         keywords = {
             key.replace(".", "__"): value

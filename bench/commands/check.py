@@ -172,14 +172,13 @@ def _load_history(current: SystemRecord) -> list[tuple[str, SystemRecord]]:
 
     After a checkout of older code, newer runs are of other code.
     """
-    runs = []
-    length = 0
-    for result in load_clean_runs(connect()):
-        if all(str(result[name]) == value for name, value in current.names.items()):
-            runs.append((result.get("git") or "unknown", gate.record_of_result(result, "")))
-            if runs[-1][1].costs == current.costs:
-                length = len(runs)
-    return runs[: length or None]
+    runs = [
+        (result.get("git") or "unknown", gate.record_of_result(result, ""))
+        for result in load_clean_runs(connect())
+        if all(str(result[name]) == value for name, value in current.names.items())
+    ]
+    same = [i for i, (_, record) in enumerate(runs) if record.costs == current.costs]
+    return runs[: same[-1] + 1] if same else runs
 
 
 def _update(

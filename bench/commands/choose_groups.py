@@ -48,17 +48,17 @@ def print_groups(values: Values) -> int:
     if people < FEWEST_FOR_INTERVAL:
         print_lines(f"{too_few_sentence(people)}.")
     print_lines(*notes)
-    merged = {}
+    reached = {}
     for level in LEVELS:
-        reached = [row for row in rows if round(row["accuracy"], 9) >= level]
-        result = "not even two groups reach it."
-        if reached:
-            row = reached[0]
-            result = f"{row['groups']} groups reach {ACCURACY.as_text(row)} %."
-            if row is not rows[0]:
-                merged[row["groups"]] = row
-        print_lines(f"{level} %: {result}")
-    for count, row in merged.items():
+        good_rows = [row for row in rows if round(row["accuracy"], 9) >= level]
+        if not good_rows:
+            print_lines(f"{level} %: not even two groups reach it.")
+            continue
+        row = good_rows[0]
+        print_lines(f"{level} %: {row['groups']} groups reach {ACCURACY.as_text(row)} %.")
+        if row is not rows[0]:
+            reached[row["groups"]] = row
+    for count, row in reached.items():
         heading = f"# {count} groups: {ACCURACY.as_text(row)} %"
         print_lines("", heading, reactions_table(row["grouping"]))
     print_next_commands(choose_command(results))

@@ -1,18 +1,20 @@
 """The interface of a protocol. scikit-learn's splitters work unchanged.
 
-A protocol is an object with ``split(X, y, groups)`` over a `Corpus`, its classes and its subjects, which yields (train,
-test) capture positions. It may also have
+A protocol is an object with ``split(X, y, groups)``. It gets a `Corpus`, its classes and its
+subjects, and yields the positions of training and test captures. It may also have
 
-- ``label(corpus)``: the words that stand in every row of results; else its name with the parameters that are not the
-  default, and ``subjects mixed`` where captures of a subject are on both sides of a fold;
-- ``official_split(corpus)``: whether its folds are those of a publication, where there is such a split at all;
-- ``joined(corpus)``: the captures that it splits, where these are more than those of ``data=``, or their windows;
-- ``systems(cell, corpus, fold)``: the fitted systems of a fold, each a `Tested`; else one, fitted to ``train``. Its
-  ``split`` may then yield (train, test, pairs): further captures that a system learns from, and those tested after it.
-  Without ``systems``, pairs are parts of ``test`` that are predicted one after the other;
-- ``view``: ``module:class`` of what the report shows of its runs, with ``holds``, ``section``, ``brief``, ``sheets``.
+- ``label(corpus)``: the words for it in every row of results. By default its name with the
+  parameters that are not the default, and ``subjects mixed`` if a fold trains and tests a subject;
+- ``official_split(corpus)``: whether its folds are those of a publication, if there are such folds;
+- ``joined(corpus)``: the captures to split, if these are more than those of ``data=``, or windows;
+- ``systems(cell, corpus, fold)``: the fitted systems of a fold, each a `Tested`. By default one,
+  fitted to the training captures. ``split`` may then yield (train, test, pairs): the further
+  training captures of each system, and the captures that it is tested on. Without ``systems``,
+  pairs are parts of ``test`` that are predicted one after the other;
+- ``view``: ``module:class`` of what the report shows of its runs.
 
-Whether subjects are mixed, and how many captures are tested by those trained on, is seen from the folds themselves.
+The folds themselves tell whether subjects are mixed, and how many captures are tested for each
+training capture.
 """
 
 from __future__ import annotations
