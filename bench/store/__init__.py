@@ -1,1 +1,1 @@
-"""Where runs are stored: MLflow, its SQLite file, and tables in parquet."""
+"""The store of runs: MLflow, its SQLite file, and tables of runs as parquet."""

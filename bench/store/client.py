@@ -1,7 +1,8 @@
-"""MLflow's store through MLflow's own client, which no other module uses. Only the main process uses it.
+"""The store of runs: MLflow, whose client only this module uses, in the main process.
 
-A cell of a command is one run of MLflow. Tags by which it is found again: ``touchbench.kind`` (such as ``cell`` or
-``fit``) and ``touchbench.cell``, the key of the run. ``touchbench.format`` says how a run is stored.
+A run of a command is one run of MLflow. Tags by which it is found again: ``touchbench.kind`` (such
+as ``cell`` or ``fit``) and ``touchbench.cell``, the key of the run. ``touchbench.format`` is the
+version of the layout of stored runs.
 """
 
 from __future__ import annotations
@@ -21,8 +22,8 @@ from filelock import FileLock
 
 from bench.errors import InputError, StoreError
 from bench.ground.progress import warn
-from bench.ground.scratch import remove_leftovers
 from bench.ground.registry import PART_GROUPS
+from bench.ground.scratch import remove_leftovers
 from bench.store.database import (
     BESIDE,
     check_writable,
@@ -43,14 +44,14 @@ if TYPE_CHECKING:
 
 EXPERIMENT = "touchbench"
 FORMAT = "4"  # version of stored runs; others are left out
-RUNS_PER_REQUEST = 5000  # runs of one request
-FOLD_PREFIX = "fold/"  # numbers of a run whose steps are its folds
-RETRIES = "5"  # of a request to a server: they wait 0, 4, 8, 16 and 32 seconds
+RUNS_PER_REQUEST = 5000
+FOLD_PREFIX = "fold/"  # of metrics whose steps are folds
+RETRIES = "5"  # of a request to a server, after 0, 4, 8, 16 and 32 seconds
 
 
 @contextmanager
 def report_store_errors() -> Iterator[None]:
-    """Report a failure of MLflow, its file, its server or the disk in one line; MLflow waits for a locked file."""
+    """Turn a failure of MLflow, its file, its server or the disk into a `StoreError`."""
     try:
         yield
     except Exception as e:
@@ -61,136 +62,125 @@ def report_store_errors() -> Iterator[None]:
         if not isinstance(e, (MlflowException, RequestException, SQLAlchemyError, OSError)):
             raise
         raise StoreError(
-            f"the MLflow store {_printed_address()} failed: {_first_line(e)}; stored results are kept; repeat the command when "
-            "the store works again"
+            f"the MLflow store {_printed_address()} failed: {_first_line(e)}; "
+            "stored results are kept; repeat the command when the store works again"
         ) from e
 
 
 def _first_line(error: BaseException) -> str:
-    lines = [
-        line
-        for line in str(error).splitlines()
-        if line.strip() and "Query-invoked autoflush" not in line
-    ]
-    line = _mask_password((lines or [type(error).__name__])[0].strip())
-    return (
-        line if len(line) <= 250 else f"{line[:100]} ... {line[-150:]}"
-    )  # what MLflow cites ends with the cause
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    lines = [line for line in lines if "Query-invoked autoflush" not in line]
+    line = _mask_password((lines or [type(error).__name__])[0])
+    # MLflow cites other errors at the end.
+    return line if len(line) <= 250 else f"{line[:100]} ... {line[-150:]}"
 
 
 def _mask_password(text: str) -> str:
-    """A text without the password of an address, as messages end in logs."""
+    """Hide the password of an address, as messages are kept in logs."""
     return re.sub("(//[^/:@]*):[^/]*@", r"\1:***@", text)
 
 
 def _printed_address() -> str:
-    """Address of the store for people."""
     path = sqlite_file(store_uri())
     return _mask_password(store_uri()) if path is None else f"sqlite:///{path.absolute()}"
 
 
 def _why_unusable(error: Exception) -> str:
-    """Why a store cannot be opened."""
+    """Say why a store cannot be opened."""
     if schemas := re.search(r"found version (\w+), but expected (\w+)", str(error)):
         return (
-            f"its schema is {schemas[1]}, this MLflow expects {schemas[2]}: another version wrote it; install that, "
-            "or set MLFLOW_TRACKING_URI to another store"
+            f"its schema is {schemas[1]}, this MLflow expects {schemas[2]}: another version wrote "
+            "it; install that, or set MLFLOW_TRACKING_URI to another store"
         )
     return _first_line(error.__cause__ or error)
 
 
 class Store:
-    """Runs in MLflow, of touchbench's experiment."""
+    """The runs of touchbench's experiment in MLflow.
+
+    ``artifacts`` is the address of a run's artifacts (``run.info.artifact_uri``). All methods raise
+    `StoreError` if MLflow fails.
+    """
 
     def __init__(self, client: MlflowClient, experiment_id: str) -> None:
         self.client, self.experiment_id = client, experiment_id
 
     @report_store_errors()
     def search_runs(self, condition: str = "") -> list[Run]:
-        """Every run that passes MLflow's filter, newest first; runs of another format are left out."""
-        stored: list[Run] = []
-        token, collects = None, gc.isenabled()
-        gc.disable()  # MLflow makes a hundred objects for each run, and looking for cycles takes most of the time
+        """Every run that passes MLflow's filter, newest first, except those of another format."""
+        runs: list[Run] = []
+        token, was_enabled = None, gc.isenabled()
+        gc.disable()  # a search for cycles among MLflow's many objects takes most of the time
         try:
             while page := self.client.search_runs(
                 [self.experiment_id], condition, max_results=RUNS_PER_REQUEST, page_token=token
             ):
-                stored += page
+                runs += page
                 if not (token := page.token):
                     break
         finally:
-            if collects:
+            if was_enabled:
                 gc.enable()
-        kept = [run for run in stored if run.data.tags.get("touchbench.format") == FORMAT]
-        if len(kept) < len(stored):
-            warn(
-                "runs that another version of touchbench has stored are left out; run their commands again"
-            )
-        return kept
+        readable = [run for run in runs if run.data.tags.get("touchbench.format") == FORMAT]
+        if len(readable) < len(runs):
+            message = "runs that another version of touchbench has stored are left out"
+            warn(f"{message}; run their commands again")
+        return readable
 
     def runs_of_kind(self, *kinds: str, data: str = "") -> list[Run]:
-        """The runs of some kinds, newest first: all, or those on one corpus, which take less time."""
+        """Runs of some kinds, newest first; those on one corpus are found faster than all."""
         condition = f"tags.`data` = '{data}'" if data and "'" not in data else ""
-        return [
-            run for run in self.search_runs(condition) if run.data.tags["touchbench.kind"] in kinds
-        ]
+        runs = self.search_runs(condition)
+        return [run for run in runs if run.data.tags["touchbench.kind"] in kinds]
 
     def find_run(self, key: str, kind: str) -> Run | None:
-        """The run of a key and a kind, None where there is none."""
-        return next(
-            iter(
-                self.search_runs(
-                    f"tags.`touchbench.cell` = '{key}' and tags.`touchbench.kind` = '{kind}'"
-                )
-            ),
-            None,
-        )
+        """The run of a key and a kind; None if there is none."""
+        condition = f"tags.`touchbench.cell` = '{key}' and tags.`touchbench.kind` = '{kind}'"
+        return next(iter(self.search_runs(condition)), None)
 
     @report_store_errors()
-    def newest_runs(self, kind: str, most: int, **params: str) -> list[Run]:
-        """At most so many of the newest runs of a kind that have some parameters."""
-        asked = [f"tags.`touchbench.format` = '{FORMAT}' and tags.`touchbench.kind` = '{kind}'"]
-        asked += [
-            f"params.`{name}` = '{value}'" for name, value in params.items() if "'" not in value
+    def newest_runs(self, kind: str, limit: int, **params: str) -> list[Run]:
+        """The newest runs of a kind with some parameters, at most ``limit``."""
+        conditions = [
+            f"tags.`touchbench.format` = '{FORMAT}'",
+            f"tags.`touchbench.kind` = '{kind}'",
         ]
-        return [
-            *self.client.search_runs([self.experiment_id], " and ".join(asked), max_results=most)
+        conditions += [
+            f"params.`{k}` = '{value}'" for k, value in params.items() if "'" not in value
         ]
+        condition = " and ".join(conditions)
+        return [*self.client.search_runs([self.experiment_id], condition, max_results=limit)]
 
     def load_result(self, run: Run) -> Result:
-        """A run as a result; its tables are read when they are asked for."""
-        about = run_attributes(run.info, run.data.params, run.data.tags)
-        numbers = {
-            name: value
-            for name, value in run.data.metrics.items()
-            if not name.startswith(FOLD_PREFIX)
-        }
-        system = about.get("system", "this system")
-        return Result(
-            about, numbers, self.tables_of_run(run.info.run_id, run.info.artifact_uri, system)
-        )
+        """Turn a run into a result, which reads its tables when they are needed."""
+        attributes = run_attributes(run.info, run.data.params, run.data.tags)
+        metrics = {k: v for k, v in run.data.metrics.items() if not k.startswith(FOLD_PREFIX)}
+        system = attributes.get("system", "this system")
+        tables = self.tables_of_run(run.info.run_id, run.info.artifact_uri, system)
+        return Result(attributes, metrics, tables)
 
     def tables_of_run(
         self, run_id: str, artifacts: str, system: str, names: Sequence[str] | None = None
     ) -> RunTables:
-        """The tables of a run, of these names or of all that there are; each is read when it is asked for."""
-        this = f"{system} (run {run_id})"
+        """The tables of a run: those of ``names``, or all; each is read when it is needed."""
+        description = f"{system} (run {run_id})"
 
         def read(name: str, columns: Sequence[str] = ()) -> Any:
             path = self.artifact_path(run_id, artifacts, table_file(name))
-            return None if path is None else read_table(path, name, this, columns)
+            return None if path is None else read_table(path, name, description, columns)
 
-        def listed() -> Sequence[str]:
+        def list_names() -> Sequence[str]:
             if names is not None:
                 return names
             files = map(PurePosixPath, self.artifact_names(run_id, artifacts))
             return [file.stem for file in files if file.name == table_file(file.stem)]
 
-        return RunTables({}, read, f"{this} is missing in the store; {HOW_TO_RESTORE}", listed)
+        missing = f"{description} is missing in the store; {HOW_TO_RESTORE}"
+        return RunTables({}, read, missing, list_names)
 
     @report_store_errors()
     def artifact_path(self, run_id: str, artifacts: str, name: str) -> Path | None:
-        """A run's artifact as a local file, None if there is none: where it lies, or fetched from another machine."""
+        """The local file of an artifact, downloaded from another machine; None if there is none."""
         if (folder := _local_folder(artifacts)) is not None:
             return folder / name if (folder / name).is_file() else None
         from mlflow.exceptions import MlflowException
@@ -199,40 +189,31 @@ class Store:
         try:
             return Path(self.client.download_artifacts(run_id, name))
         except (OSError, MlflowException) as e:
-            if isinstance(e, Unreachable) or "API request to" in str(
-                e
-            ):  # which says nothing of the artifact
+            if isinstance(e, Unreachable) or "API request to" in str(e):  # the server failed
                 raise
             return None
 
     @report_store_errors()
-    def artifact_names(self, run_id: str, artifacts: str, where: str = "") -> list[str]:
-        """Names of a run's artifacts, or of those in one of its folders, sorted."""
+    def artifact_names(self, run_id: str, artifacts: str, subfolder: str = "") -> list[str]:
+        """Sorted names of a run's artifacts, or of those in a subfolder."""
         if (folder := _local_folder(artifacts)) is not None:
-            return (
-                sorted(path.name for path in (folder / where).iterdir())
-                if (folder / where).is_dir()
-                else []
-            )
-        return sorted(
-            PurePosixPath(item.path).name
-            for item in self.client.list_artifacts(run_id, where or None)
-        )
+            if not (folder / subfolder).is_dir():
+                return []
+            return sorted(path.name for path in (folder / subfolder).iterdir())
+        items = self.client.list_artifacts(run_id, subfolder or None)
+        return sorted(PurePosixPath(item.path).name for item in items)
 
-    def describe_artifact(self, address: str, name: str) -> str:
-        """Location of an artifact for people: its path if it is on this machine, else in words."""
-        folder = _local_folder(address)
-        return (
-            f"{name} of run {address.split('/')[-2]} in bench ui"
-            if folder is None
-            else str(folder / name)
-        )
+    def describe_artifact(self, artifacts: str, name: str) -> str:
+        """Say where an artifact is: its path on this machine, or its run."""
+        if (folder := _local_folder(artifacts)) is not None:
+            return str(folder / name)
+        return f"{name} of run {artifacts.split('/')[-2]} in bench ui"
 
     @report_store_errors()
     def create_run(
         self, name: str, tags: Mapping[str, str], params: Mapping[str, object] | None = None
     ) -> Run:
-        """A new run."""
+        """Create a run, which goes on until `set_status`."""
         tags = {**tags, "mlflow.runName": name, "touchbench.format": FORMAT}
         run = self.client.create_run(self.experiment_id, run_name=name, tags=tags)
         if params:
@@ -248,7 +229,7 @@ class Store:
         tags: Mapping[str, str] | None = None,
         step: int = 0,
     ) -> None:
-        """Numbers, parameters and tags of a run."""
+        """Store metrics, parameters and tags of a run."""
         from mlflow.entities import Metric, Param, RunTag
 
         now = int(time.time() * 1000)
@@ -260,26 +241,27 @@ class Store:
         )
 
     @report_store_errors()
-    def log_artifact(self, address: str, path: Path, where: str = "") -> None:
+    def log_artifact(self, artifacts: str, path: Path, subfolder: str = "") -> None:
         """Store a file, or the files of a folder, with the artifacts of a run."""
-        place = self._artifact_repository(address)
-        (place.log_artifacts if path.is_dir() else place.log_artifact)(str(path), where or None)
+        repository = self._artifact_repository(artifacts)
+        log = repository.log_artifacts if path.is_dir() else repository.log_artifact
+        log(str(path), subfolder or None)
 
     @report_store_errors()
-    def delete_artifact(self, address: str, name: str) -> None:
-        """Delete an artifact, or a folder of them, where the place that keeps it can."""
+    def delete_artifact(self, artifacts: str, name: str) -> None:
+        """Delete an artifact, or a folder of them, if its repository can."""
         with suppress(NotImplementedError):
-            self._artifact_repository(address).delete_artifacts(name)
+            self._artifact_repository(artifacts).delete_artifacts(name)
 
-    def _artifact_repository(self, address: str) -> ArtifactRepository:
-        """Where artifacts of an address are kept; MLflow's client remembers where they were before a folder moved."""
+    def _artifact_repository(self, artifacts: str) -> ArtifactRepository:
+        """The repository of an address; MLflow's client keeps the old one when a folder moves."""
         from mlflow.store.artifact.artifact_repository_registry import get_artifact_repository
 
-        return get_artifact_repository(address, self.client.tracking_uri)
+        return get_artifact_repository(artifacts, self.client.tracking_uri)
 
     @report_store_errors()
     def set_status(self, run_id: str, status: str) -> None:
-        """Mark a run that goes on (RUNNING), or has ended: FINISHED, FAILED or KILLED."""
+        """Set the status of a run: RUNNING, or an ended one's FINISHED, FAILED or KILLED."""
         if status == "RUNNING":
             self.client.update_run(run_id, status=status)
         else:
@@ -287,23 +269,26 @@ class Store:
 
     @report_store_errors()
     def delete_run(self, run_id: str) -> None:
-        """Take a run out of all lists."""
+        """Delete a run, as MLflow does: it can be restored."""
         self.client.delete_run(run_id)
 
 
 def run_attributes(
     info: RunInfo, params: Mapping[str, str], tags: Mapping[str, str]
 ) -> dict[str, Any]:
-    """What a result of a run is of, by name."""
-    about = {**params, **tags} | {f"{part}_name": params.get(part, "") for part in PART_GROUPS}
-    about |= {"run_id": info.run_id, "status": info.status, "started": info.start_time}
-    return about | {"artifacts": info.artifact_uri}
+    """The attributes of a `Result`: parameters, tags, and some of MLflow's own."""
+    parts = {f"{part}_name": params.get(part, "") for part in PART_GROUPS}
+    own = {"run_id": info.run_id, "status": info.status, "started": info.start_time}
+    return {**params, **tags, **parts, **own, "artifacts": info.artifact_uri}
 
 
 def artifacts_beside(
     artifact_uri: str, tracking_uri: str | None = None, registry_uri: str | None = None
 ) -> object:
-    """MLflow's place of artifacts for addresses of the scheme `BESIDE`; its entry point, so MLflow's pages take it."""
+    """Make MLflow's repository of addresses with the scheme `BESIDE`.
+
+    It is an entry point of MLflow, so that the pages of its server find these artifacts too.
+    """
     from mlflow.store.artifact.local_artifact_repo import LocalArtifactRepository
 
     served = os.environ.get("_MLFLOW_SERVER_FILE_STORE")  # in MLflow's server
@@ -315,27 +300,32 @@ def _path_beside_database(address: str, uri: str) -> Path:
     return (sqlite_file(uri) or Path("mlflow.db")).parent / urlparse(address).path.lstrip("/")
 
 
-def _local_folder(address: str) -> Path | None:
-    """The folder of an address of artifacts, None if it is not on this machine."""
-    uri = urlparse(address)
+def _local_folder(artifacts: str) -> Path | None:
+    """The folder of an address of artifacts; None if it is not on this machine."""
+    uri = urlparse(artifacts)
     if uri.scheme == BESIDE:
-        return _path_beside_database(address, store_uri())
+        return _path_beside_database(artifacts, store_uri())
     if uri.scheme == "file":
         return Path(unquote(uri.path))
-    return Path(address) if len(uri.scheme) <= 1 else None  # a drive letter is no scheme
+    return Path(artifacts) if len(uri.scheme) <= 1 else None  # a drive letter is no scheme
 
 
 def connect(writes: bool = False) -> Store:
-    """The store, created if it is not there; one that cannot be written is opened for reading, unless it must be."""
-    uri, path = store_uri(), sqlite_file(store_uri())
+    """Open the store, which is created if it is missing.
+
+    A store that cannot be written is opened for reading, unless ``writes``.
+
+    Raises:
+        InputError: it cannot be used.
+    """
+    path = sqlite_file(store_uri())
     os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
     os.environ.setdefault("MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR", "false")
     retries = os.environ.get("MLFLOW_HTTP_REQUEST_MAX_RETRIES")
-    os.environ["MLFLOW_HTTP_REQUEST_MAX_RETRIES"] = (
-        retries or "2"
-    )  # a wrong address is no reason to wait long
-    if fixed := path is not None and not check_writable(path, writes):
-        # SQLite leaves such a file and its folder alone; MLflow makes folders of a plain sqlite:///file:
+    os.environ["MLFLOW_HTTP_REQUEST_MAX_RETRIES"] = retries or "2"  # a wrong address fails soon
+    uri, is_read_only = store_uri(), path is not None and not check_writable(path, writes)
+    if is_read_only:
+        # SQLite then writes nothing beside the file; of sqlite:///file:, MLflow would make folders.
         uri = f"sqlite+pysqlite:///{quote(path.absolute().as_uri())}?mode=ro&uri=true"
     from mlflow import MlflowClient
     from mlflow.exceptions import MlflowException
@@ -344,46 +334,40 @@ def connect(writes: bool = False) -> Store:
 
     # Several processes that create the tables at the same moment break the file for good.
     lock = path.with_name(path.name + ".lock") if path else lock_folder() / "tracking.lock"
-    with nullcontext() if fixed else FileLock(lock):
-        logging.getLogger("mlflow.store.db").setLevel(
-            logging.CRITICAL
-        )  # what fails is said by `report_store_errors`
+    with nullcontext() if is_read_only else FileLock(lock):
+        # `report_store_errors` reports failures.
+        logging.getLogger("mlflow.store.db").setLevel(logging.CRITICAL)
         try:
-            if path is not None and not fixed:
+            if path is not None and not is_read_only:
                 remove_leftovers(path.parent, f".{path.name}.")
                 if not path.exists() or not path.stat().st_size:
                     create_database(path)
                 upgrade_database(path)
-            # The entry point is for MLflow's own programs, and may be that of an earlier installation.
+            # The installed entry point may be that of an earlier version.
             _artifact_repository_registry.register(BESIDE, artifacts_beside)
             client = MlflowClient(uri)
-            return Store(client, _find_or_create_experiment(client, None if fixed else path))
-        except (
-            MlflowException,
-            SQLAlchemyError,
-            StoreError,
-            ImportError,
-            UnicodeError,
-        ) as e:  # a driver, a name
-            raise InputError(
-                f"MLflow store {_printed_address()} cannot be used: {_why_unusable(e)}"
-            ) from e
+            return Store(client, _find_or_create_experiment(client, None if is_read_only else path))
+        # also a missing driver, and a name that is no UTF-8
+        except (MlflowException, SQLAlchemyError, StoreError, ImportError, UnicodeError) as e:
+            reason = f"cannot be used: {_why_unusable(e)}"
+            raise InputError(f"MLflow store {_printed_address()} {reason}") from e
         finally:
             os.environ["MLFLOW_HTTP_REQUEST_MAX_RETRIES"] = retries or RETRIES
 
 
 @report_store_errors()
 def _find_or_create_experiment(client: MlflowClient, path: Path | None) -> str:
-    """Id of touchbench's experiment, made where there is none; its artifacts lie beside a SQLite file."""
+    """Id of touchbench's experiment; artifacts of a new one lie beside its SQLite file."""
     experiment = client.get_experiment_by_name(EXPERIMENT)
     if experiment and experiment.lifecycle_stage == "deleted":
         raise InputError(
-            f"the experiment {EXPERIMENT} of {_printed_address()} was deleted in MLflow; restore it with: mlflow experiments "
-            f"restore -x {experiment.experiment_id}; or set MLFLOW_TRACKING_URI to another store"
+            f"the experiment {EXPERIMENT} of {_printed_address()} was deleted in MLflow; restore "
+            f"it with: mlflow experiments restore -x {experiment.experiment_id}; "
+            "or set MLFLOW_TRACKING_URI to another store"
         )
     if experiment:
         return experiment.experiment_id
     if path is None:
         return client.create_experiment(EXPERIMENT)
-    with open_database(path) as tables:
-        return tables.create_experiment(EXPERIMENT)
+    with open_database(path) as database:
+        return database.create_experiment(EXPERIMENT)

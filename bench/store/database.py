@@ -1,4 +1,4 @@
-"""MLflow's SQLite file: where it is, made whole, upgraded, and whether it can be written; locks of runs."""
+"""MLflow's SQLite file: its address, its creation and upgrade, access to it; locks of runs."""
 
 from __future__ import annotations
 
@@ -24,76 +24,75 @@ from bench.ground.scratch import data_folder, owner_prefix, write_then_rename
 if TYPE_CHECKING:
     from mlflow.store.tracking.sqlalchemy_store import SqlAlchemyStore
 
-SQLITE = ("sqlite:///", "sqlite+pysqlite:///")  # before a file
-BESIDE = "touchbench"  # scheme of the addresses of artifacts that lie beside MLflow's SQLite file, wherever it is moved
+SQLITE = ("sqlite:///", "sqlite+pysqlite:///")  # before the path of a file
+# Scheme of artifacts that lie beside MLflow's SQLite file, wherever that is moved
+BESIDE = "touchbench"
 
 
 def store_uri() -> str:
-    """Address of the store: ``MLFLOW_TRACKING_URI``, or MLflow's SQLite file in the working folder."""
+    """Address of the store: ``MLFLOW_TRACKING_URI``, or ``mlflow.db`` in the working folder."""
     return os.environ.get("MLFLOW_TRACKING_URI") or sqlite_address(Path.cwd() / "mlflow.db")
 
 
 def sqlite_address(path: Path) -> str:
-    """The address of SQLite's file; of a quoted one behind sqlite:, MLflow would make the folders."""
-    place = quote(str(path.absolute()))
-    return f"{SQLITE[place != str(path.absolute())]}{place}"
+    """Address of a SQLite file; if its path has special characters, with the driver.
+
+    Without the driver, MLflow would create folders with the quoted name.
+    """
+    plain = str(path.absolute())
+    is_special = quote(plain) != plain
+    return f"{SQLITE[is_special]}{quote(plain)}"
 
 
 def sqlite_file(uri: str) -> Path | None:
-    """SQLite's file of an address, as SQLAlchemy reads it."""
+    """The SQLite file of an address, as SQLAlchemy reads it; None for another database."""
     driver = next((driver for driver in SQLITE if uri.startswith(driver)), None)
     return Path(unquote(uri.removeprefix(driver).partition("?")[0])) if driver else None
 
 
 @contextmanager
 def open_database(path: Path) -> Iterator[SqlAlchemyStore]:
-    """MLflow's SQLite file, made if it is not there; artifacts of its experiments lie beside it."""
+    """Open MLflow's SQLite file, which is created if missing; artifacts will lie beside it."""
     from mlflow.store.tracking.sqlalchemy_store import SqlAlchemyStore
 
-    tables = SqlAlchemyStore(sqlite_address(path), f"{BESIDE}:/mlruns")
+    database = SqlAlchemyStore(sqlite_address(path), f"{BESIDE}:/mlruns")
     try:
-        yield tables
+        yield database
     finally:
-        tables.engine.dispose()
+        database.engine.dispose()
 
 
 def create_database(path: Path) -> None:
-    """Make MLflow's SQLite file with its tables, beside its name and renamed: a kill leaves none or a good one.
+    """Create MLflow's SQLite file with its tables, under another name until it is complete.
 
-    MLflow takes seconds to make its tables, so that empty ones are kept in the data folder.
+    MLflow needs seconds to create its tables, so an empty file is kept in the data folder.
     """
     empty = data_folder() / f"mlflow-{version('mlflow')}.db"
     with tempfile.TemporaryDirectory(
         prefix=f".{path.name}.{owner_prefix()}", dir=path.parent
     ) as folder:
-        beside = Path(folder) / path.name
+        new = Path(folder) / path.name
         if empty.is_file():
-            shutil.copyfile(empty, beside)
+            shutil.copyfile(empty, new)
         else:
-            with open_database(beside):
+            with open_database(new):
                 pass
-            with (
-                suppress(OSError),
-                write_then_rename(empty) as kept,
-            ):  # a folder that cannot be written
-                shutil.copyfile(beside, kept)
-        beside.replace(path)
+            with suppress(OSError), write_then_rename(empty) as copy:  # unless it cannot be written
+                shutil.copyfile(new, copy)
+        new.replace(path)
 
 
 def upgrade_database(path: Path) -> None:
-    """Upgrade a SQLite file of an older MLflow, which could not read it any more; a copy is kept beside it."""
+    """Upgrade a SQLite file of an older MLflow; a copy stays beside it, for that version."""
     from mlflow.store import db_migrations
 
     with closing(sqlite3.connect(path)) as file:
-        if not file.execute(
-            "SELECT 1 FROM sqlite_master WHERE name = 'alembic_version'"
-        ).fetchone():
+        has_schema = "SELECT 1 FROM sqlite_master WHERE name = 'alembic_version'"
+        if not file.execute(has_schema).fetchone():
             return
         (schema,) = file.execute("SELECT version_num FROM alembic_version").fetchone() or [""]
-        steps = (
-            step.read_text() for step in Path(db_migrations.__file__).parent.glob("versions/*.py")
-        )
-        if not any(f'down_revision = "{schema}"' in step for step in steps):
+        steps = Path(db_migrations.__file__).parent.glob("versions/*.py")
+        if not any(f'down_revision = "{schema}"' in step.read_text() for step in steps):
             return
         copy = path.with_name(f"{path.name}.{schema}")
         with closing(sqlite3.connect(copy)) as beside:
@@ -102,14 +101,17 @@ def upgrade_database(path: Path) -> None:
     words = [sys.executable, "-m", "mlflow", "db", "upgrade", f"sqlite:///{path.name}"]
     done = subprocess.run(words, cwd=path.parent, capture_output=True, text=True)
     if done.returncode:
-        raise InputError(
-            f"{path} cannot be upgraded ({done.stderr.strip()[-150:]}); {copy} is as it was"
-        )
+        reason = done.stderr.strip()[-150:]
+        raise InputError(f"{path} cannot be upgraded ({reason}); {copy} is as it was")
 
 
-def check_writable(path: Path, must: bool) -> bool:
-    """Return True if SQLite can write a file and beside it; SQLite would try for minutes before it gave up."""
-    head, refused = b"", None
+def check_writable(path: Path, required: bool) -> bool:
+    """Return True if SQLite can write a file and beside it; SQLite would try for minutes.
+
+    Raises:
+        InputError: it is no MLflow store, cannot be read, or not be written if ``required``.
+    """
+    head, error = b"", None
     try:
         if path.exists():
             with path.open("rb") as f:
@@ -119,36 +121,34 @@ def check_writable(path: Path, must: bool) -> bool:
         with tempfile.TemporaryFile(dir=path.parent):
             pass
     except OSError as e:
-        refused = e
+        error = e
     if head and head != b"SQLite format 3\0":
         raise InputError(f"{path} is not an MLflow store; move it away or set MLFLOW_TRACKING_URI")
-    if refused and (must or not head):
+    if error and (required or not head):
         raise InputError(
-            f"the MLflow store {path} cannot be {'written' if must else 'read'} ({refused.strerror}); change the "
-            "folder or set MLFLOW_TRACKING_URI"
-        ) from refused
-    return refused is None
+            f"the MLflow store {path} cannot be {'written' if required else 'read'} "
+            f"({error.strerror}); change the folder or set MLFLOW_TRACKING_URI"
+        ) from error
+    return error is None
 
 
 @contextmanager
 def lock_run(key: str) -> Iterator[None]:
-    """Hold a run against a second process that would run the same folds."""
+    """Refuse to run folds that another process runs at the moment."""
     try:
         with FileLock(lock_folder() / f"{key}.lock", timeout=0):
             yield
     except Timeout as e:
-        raise InputError(
-            "another process is evaluating this system; wait for it and repeat the command"
-        ) from e
+        reason = "another process is evaluating this system"
+        raise InputError(f"{reason}; wait for it and repeat the command") from e
 
 
 def lock_folder() -> Path:
-    """Folder of the locks."""
+    """Folder of the locks, created if missing."""
     folder = data_folder() / "locks"
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as e:
-        raise InputError(
-            f"{folder} cannot be written ({e}); set TOUCHBENCH_HOME to a folder that can"
-        ) from e
+        reason = f"{folder} cannot be written ({e})"
+        raise InputError(f"{reason}; set TOUCHBENCH_HOME to a folder that can") from e
     return folder

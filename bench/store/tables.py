@@ -1,4 +1,4 @@
-"""The tables that are stored with a run as parquet: one writer and one reader, so that types survive."""
+"""Tables of runs as parquet: one writer and one reader, so that types survive."""
 
 from __future__ import annotations
 
@@ -10,19 +10,15 @@ import pandas as pd
 
 from bench.errors import InputError
 
-CSV_TABLES = (
-    "confusion",
-    "per_class",
-    "chosen",
-    "trials",
-)  # as CSV, too: MLflow's page shows no parquet
+# Tables that are stored as CSV too: MLflow's page shows no parquet
+CSV_TABLES = ("confusion", "per_class", "chosen", "trials")
 HOW_TO_RESTORE = (
     "restore it, or delete the run in bench ui and run it again"  # what to do without a table
 )
 
 
 def table_file(name: str) -> str:
-    """The file of a table of a run."""
+    """File name of a table of a run."""
     return f"{name}.parquet"
 
 
@@ -32,61 +28,52 @@ def write_table(table: pd.DataFrame, path: Path | BinaryIO) -> None:
 
 
 def read_table(
-    file: Path | BinaryIO, name: str, of: str = "this run", columns: Sequence[str] = ()
+    file: Path | BinaryIO, name: str, run: str = "this run", columns: Sequence[str] = ()
 ) -> Any:
-    """A stored table of a run as a DataFrame; only some ``columns`` as an Arrow table, which is five times as fast."""
+    """Read a table of a run as a DataFrame, or some ``columns``, faster, as an Arrow table.
+
+    Raises:
+        InputError: the file is damaged; the message names the table and the run.
+    """
     try:
         from pyarrow import parquet
 
         with parquet.ParquetFile(file, pre_buffer=False) as opened:  # pandas takes twice as long
             if columns:
                 return opened.read([*columns], use_threads=False)
-            return opened.read(use_threads=False, use_pandas_metadata=True).to_pandas(
-                use_threads=False
-            )
+            table = opened.read(use_threads=False, use_pandas_metadata=True)
+            return table.to_pandas(use_threads=False)
     except Exception as e:  # pandas and pyarrow raise a dozen types for damaged files
         raise InputError(
-            f"{name} of {of} cannot be read, {file} is damaged; {HOW_TO_RESTORE}"
+            f"{name} of {run} cannot be read, {file} is damaged; {HOW_TO_RESTORE}"
         ) from e
 
 
 def as_stored(table: pd.DataFrame) -> pd.DataFrame:
-    """The same as parquet can hold it: numbers or text in each column, each name once.
+    """Make a table as parquet stores it: columns of numbers or text, each name once.
 
-    What is in memory and what is stored are the same if both went through this.
+    A table in memory that went through this equals the one that is read again.
     """
-    plain = (
-        all(isinstance(name, str) for name in table)
-        and table.columns.is_unique
-        and table.columns.name is None
-    )
-    if plain and object not in table.dtypes.tolist():
+    has_plain_names = table.columns.is_unique and table.columns.name is None
+    has_plain_names = has_plain_names and all(isinstance(name, str) for name in table)
+    if has_plain_names and object not in table.dtypes.tolist():
         return table
     names: list[str] = []
     for name in map(str, table):
-        names.append(
-            next(
-                n
-                for n in (name, *(f"{name}.{i}" for i in range(1, 2 + len(names))))
-                if n not in names
-            )
-        )
-    return pd.DataFrame(
-        {name: as_one_type(table.iloc[:, i]) for i, name in enumerate(names)}, index=table.index
-    )
+        candidates = (name, *(f"{name}.{i}" for i in range(1, 2 + len(names))))
+        names.append(next(candidate for candidate in candidates if candidate not in names))
+    columns = {name: as_one_type(table.iloc[:, i]) for i, name in enumerate(names)}
+    return pd.DataFrame(columns, index=table.index)
 
 
 def as_one_type(column: pd.Series) -> pd.Series:
-    """The same as numbers, or as text where it holds anything else; what is missing stays so."""
+    """Convert a column to numbers if it holds nothing else, or to text; missing values stay."""
     if column.dtype != object:
         return column
     known = column[column.notna()]
     kind = known.infer_objects().dtype.kind
-    if kind == "f" or (
-        kind in "biu" and len(known) == len(column)
-    ):  # whole numbers with gaps: text, 8 and not 8.0
+    # Whole numbers with gaps become text: 8 and not 8.0.
+    if kind == "f" or (kind in "biu" and len(known) == len(column)):
         return column.infer_objects()
-    missing = column.isna()
-    return pd.Series(
-        [None if gone else str(v) for v, gone in zip(column, missing, strict=True)], column.index
-    )
+    values = zip(column, column.isna(), strict=True)
+    return pd.Series([None if is_missing else str(v) for v, is_missing in values], column.index)

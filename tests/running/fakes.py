@@ -1,4 +1,4 @@
-"""A store in memory and a kind of run that records what is done: the loop without MLflow, processes and training."""
+"""A store in memory and a kind of run that records its folds: no MLflow, processes or training."""
 
 from dataclasses import dataclass
 from itertools import count
@@ -20,7 +20,7 @@ from bench.store.client import Store
 from bench.values.result import Result
 
 
-class Memory(Store):
+class MemoryStore(Store):
     """A store without MLflow."""
 
     def __init__(self):
@@ -43,8 +43,8 @@ class Memory(Store):
         data.tags.update(tags or {})
         data.steps.setdefault(step, {}).update(metrics or {})
 
-    def log_artifact(self, address, path, where=""):
-        folder = Path(address) / where
+    def log_artifact(self, address, path, subfolder=""):
+        folder = Path(address) / subfolder
         folder.mkdir(exist_ok=True)
         copytree(path, folder, dirs_exist_ok=True) if path.is_dir() else copy(path, folder)
 
@@ -78,7 +78,7 @@ MEASURED = {}  # folds that a run was measured from, by number
 
 @dataclass(frozen=True)
 class Echo(RunKind):
-    """Predicts nothing: a row for each test capture; fails, or tells more, as dictionaries say."""
+    """Predicts nothing: a row for each test capture; fails in the folds of ``fails``."""
 
     key: ClassVar[str] = "echo"
     fails: ClassVar[dict] = {}  # what to raise, by fold
@@ -93,46 +93,42 @@ class Echo(RunKind):
             {"fold": fold.name, "capture": corpus.index[fold.test], "value": 8 / (1 + fold.test)}
         )
         metrics = {"tested": len(fold.test), "third": 1 / 3}
-        return FoldResult(
-            fold.name, table, metrics, times={"predict_ms": [0.1]}, tracked_metrics=metrics
-        )
+        times, score = {"predict_ms": [0.1]}, {"score": int(fold.name) / 3}
+        return FoldResult(fold.name, table, metrics, times=times, tracked_metrics=score)
 
     def measure_run(self, plan, about, folds):
         MEASURED[self.number] = folds
-        return Result(
-            about,
-            {"captures": sum(r.metrics["tested"] for r in folds)},
-            {"predictions": join_predictions(folds)},
-        )
+        captures = sum(fold.metrics["tested"] for fold in folds)
+        return Result(about, {"captures": captures}, {"predictions": join_predictions(folds)})
 
 
 class Level(ClassifierMixin, BaseEstimator):
     """Nearest class mean of the pressure."""
 
     def fit(self, X, y):
-        X, y = self.training(X, np.asarray(y))
-        level = self.level(X)
+        X, y = self.select_training(X, np.asarray(y))
+        level = self.measure_levels(X)
         self.classes_ = np.unique(y)
         self.means_ = np.array([level[y == c].mean() for c in self.classes_])
         return self
 
-    def training(self, X, y):
+    def select_training(self, X, y):
         return X, y
 
-    def level(self, X):
-        return np.array([self.of(frames) for frames in X])
+    def measure_levels(self, X):
+        return np.array([self.measure_level(frames) for frames in X])
 
-    def of(self, frames):
+    def measure_level(self, frames):
         return frames.mean()
 
     def predict_proba(self, X):
-        return softmax(-np.abs(self.level(X)[:, None] - self.means_) / 10, axis=1)
+        return softmax(-np.abs(self.measure_levels(X)[:, None] - self.means_) / 10, axis=1)
 
     def predict(self, X):
         return self.classes_[self.predict_proba(X).argmax(axis=1)]
 
 
-def cell_of(system, *circumstances):
-    """What a fold needs of a cell: it makes systems of a class of tests."""
-    known = {"title": lambda: "a cell", "seed": 0, "run_kind": None, "splitter": LOSO()}
-    return SimpleNamespace(estimator=system, circumstances=circumstances, **known)
+def fake_cell(system, *circumstances):
+    """The parts of a cell that a fold needs; it makes systems of a class of the tests."""
+    fields = {"title": lambda: "a cell", "seed": 0, "run_kind": None, "splitter": LOSO()}
+    return SimpleNamespace(estimator=system, circumstances=circumstances, **fields)
