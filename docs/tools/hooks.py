@@ -1,7 +1,6 @@
-"""What MkDocs does for this site: it runs the examples of every page and the notebook, and puts in what they print.
+"""MkDocs hooks: run the examples of every page and the notebook, and put their output in.
 
-An example that fails ends the build. ``PAGES``, names with commas between them, are the only pages whose examples are
-run then, and the notebook is not run either: for a quick look at the site.
+An example that fails ends the build.
 """
 
 from __future__ import annotations
@@ -23,112 +22,97 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 TOOLS = Path(__file__).parent
-sys.path[:0] = [str(TOOLS), str(TOOLS.parent.parent)]
+ROOT = TOOLS.parent.parent
+sys.path[:0] = [str(TOOLS), str(ROOT)]
 
 import examples  # noqa: E402
 
 from bench.cli import main  # noqa: E402
-from bench.grammar.options import commands  # noqa: E402
+from bench.grammar.options import load_commands  # noqa: E402
 
-printed: dict[str, list[str] | str] = {}
+outputs: dict[str, list[str] | str] = {}  # of the blocks of a page, by its name
 
 
-def lay_out() -> None:
-    """Lay the packages out as an installation has them: mkdocstrings looks for its paths before any event."""
-    package, skipped = (
-        TOOLS.parent.parent / "build" / "package" / "bench",
-        shutil.ignore_patterns("__pycache__"),
-    )
+def copy_packages() -> None:
+    """Copy the packages to where an installation has them: mkdocstrings looks there first."""
+    package = ROOT / "build" / "package" / "bench"
     shutil.rmtree(package, ignore_errors=True)
     for folder in ("bench", "features", "models", "protocols", "reports"):
         target = package if folder == "bench" else package / folder
-        shutil.copytree(TOOLS.parent.parent / folder, target, ignore=skipped)
+        shutil.copytree(ROOT / folder, target, ignore=shutil.ignore_patterns("__pycache__"))
 
 
-lay_out()
+copy_packages()
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Run everything; add the page of the notebook and its pictures."""
+    """Run all examples; add the page of the notebook and its pictures."""
     pages = [Path(file.abs_src_path) for file in files.documentation_pages() if file.abs_src_path]
-    few = os.environ.get("PAGES", "").split(",") if "PAGES" in os.environ else None
-    printed.update(
-        examples.run(page for page in pages if few is None or examples.site_name(page) in few)
-    )
-    if few and (unknown := set(few) - set(printed)):
-        raise PluginError(f"PAGES: there is no page {', '.join(sorted(unknown))}")
-    if failed := [said for said in printed.values() if isinstance(said, str)]:
-        raise PluginError("\n".join(failed))
-    for name, content in notebook(TOOLS.parent / "walk.ipynb", runs=few is None).items():
+    outputs.update(examples.run_pages(pages))
+    if errors := [output for output in outputs.values() if isinstance(output, str)]:
+        raise PluginError("\n".join(errors))
+    for name, content in run_notebook(TOOLS.parent / "walk.ipynb").items():
         files.append(File.generated(config, name, content=content))
     return files
 
 
 def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
-    """Put what the blocks of a page printed below them, and why a block was not run."""
-    if (
-        page.file.src_uri not in printed
-    ):  # the notebook's, which has its outputs, or left out by PAGES
-        return markdown.replace("<!-- help of every command -->", helped())
-    outputs = iter(printed[page.file.src_uri])
+    """Put the output of each block below it, or why it was not run."""
+    of_page = iter(outputs.get(page.file.src_uri, ()))
 
-    def replaced(match: re.Match[str]) -> str:
-        block = examples.block(match)
-        output = next(outputs)
-        typed = f"```{block.language}\n{block.text}```\n"
-        if block.left_out:
-            return f'{typed}\n<p class="note">Not run for this page: {html.escape(block.left_out)}.</p>\n'
-        return typed + (
-            f'\n<div class="output" markdown>\n{fenced(cut(output, block))}\n</div>\n'
-            if block.shown
-            else ""
-        )
+    def with_output(match: re.Match[str]) -> str:
+        block, output = examples.read_block(match), next(of_page)
+        text = f"```{block.language}\n{block.text}```\n"
+        if block.reason_not_run:
+            reason = html.escape(block.reason_not_run)
+            return f'{text}\n<p class="note">Not run for this page: {reason}.</p>\n'
+        if not block.shows_output:
+            return text
+        shown = fence_output(cut_output(output, block))
+        return f'{text}\n<div class="output" markdown>\n{shown}\n</div>\n'
 
-    return examples.BLOCK.sub(replaced, markdown).replace(
-        "<!-- help of every command -->", helped()
-    )
+    if page.file.src_uri in outputs:  # the notebook's page has its outputs
+        markdown = examples.BLOCK.sub(with_output, markdown)
+    return markdown.replace("<!-- help of every command -->", help_sections())
 
 
-def helped() -> str:
-    """A section for each command, with what its ``--help`` prints."""
-    parts = []
-    for name in commands():
-        with contextlib.redirect_stdout(io.StringIO()) as said:
+def help_sections() -> str:
+    """A section for each command, with the output of its ``--help``."""
+    sections = []
+    for name in load_commands():
+        with contextlib.redirect_stdout(io.StringIO()) as output:
             main([name, "--help"])
-        parts.append(f"## bench {name}\n\n{fenced(said.getvalue().rstrip())}\n")
-    return "\n".join(parts)
+        sections.append(f"## bench {name}\n\n{fence_output(output.getvalue().rstrip())}\n")
+    return "\n".join(sections)
 
 
-def cut(output: str, block: examples.Block) -> str:
-    """The lines of an output that are shown, with a mark where some are left out."""
+def cut_output(output: str, block: examples.Block) -> str:
+    """The lines of an output that a block shows, with a mark where some are left out."""
     lines = output.rstrip().split("\n")
-    if not block.lines or len(lines) <= block.lines:
-        return "\n".join(lines)
-    return "\n".join(
-        [*lines[: block.lines], "…"] if block.end == "first" else ["…", *lines[-block.lines :]]
-    )
+    if block.lines and len(lines) > block.lines:
+        is_first = block.end == "first"
+        lines = [*lines[: block.lines], "…"] if is_first else ["…", *lines[-block.lines :]]
+    return "\n".join(lines)
 
 
-def fenced(text: str) -> str:
-    """Output as a block that nothing in it can end; sentences are wrapped as a terminal wraps them, tables are not."""
+def fence_output(text: str) -> str:
+    """Output as a block; sentences are wrapped as a terminal wraps them, tables are not."""
     lines = []
     for line in text.split("\n"):
-        sentence = len(line) > 100 and "  " not in line and not any(c in line for c in "│┃━─")
-        lines += textwrap.wrap(line, 100) if sentence else [line]
+        is_sentence = len(line) > 100 and "  " not in line and not {*"│┃━─"} & {*line}
+        lines += textwrap.wrap(line, 100) if is_sentence else [line]
     return "\n".join(["````text", *lines, "````"])
 
 
-def progress(output: dict) -> bool:
-    """Whether an output of a cell is a progress bar or a line of it."""
-    shown = output.get("data", {})
-    picture = {"image/png", "image/svg+xml"} & {*shown}
-    return output.get("name") == "stderr" or (
-        output["output_type"] == "display_data" and not picture
-    )
+def is_progress(output: dict) -> bool:
+    """True if an output of a cell is a progress bar or a line of one."""
+    has_picture = {"image/png", "image/svg+xml"} & {*output.get("data", {})}
+    is_display = output["output_type"] == "display_data"
+    return output.get("name") == "stderr" or (is_display and not has_picture)
 
 
-def notebook(path: Path, runs: bool = True) -> dict[str, str | bytes]:
-    """Run a notebook in a folder of its own, or leave it as it is; its page and pictures by name.
+def run_notebook(path: Path) -> dict[str, str | bytes]:
+    """Run a notebook in a folder of its own; return its page and pictures by name.
 
     Raises:
         PluginError: a cell raises.
@@ -141,23 +125,21 @@ def notebook(path: Path, runs: bool = True) -> dict[str, str | bytes]:
     book = nbformat.read(path, as_version=4)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        before = dict(os.environ)
+        variables = dict(os.environ)
         os.environ.pop("MLFLOW_TRACKING_URI", None)
-        os.environ.update(examples.environment(folder))
+        os.environ.update(examples.make_environment(folder))
         try:
-            if runs:
-                NotebookClient(book, timeout=300, resources={"metadata": {"path": name}}).execute()
+            NotebookClient(book, timeout=300, resources={"metadata": {"path": name}}).execute()
         except CellExecutionError as e:
             raise PluginError(f"{path.name}: {e}") from e
         finally:
             os.environ.clear()
-            os.environ.update(before)
-        for cell in book.cells:  # one whose result cannot be shown is no failure for Jupyter
-            for output in cell.get("outputs", []):
+            os.environ.update(variables)
+        for cell in book.cells:
+            for output in cell.get("outputs", []):  # Jupyter accepts results that it cannot show
                 if output["output_type"] == "error":
                     raise PluginError(f"{path.name}: {output['ename']}: {output['evalue']}")
-        for cell in book.cells:  # progress is no result
-            cell["outputs"] = [o for o in cell.get("outputs", []) if not progress(o)]
+            cell["outputs"] = [o for o in cell.get("outputs", []) if not is_progress(o)]
         text, resources = MarkdownExporter().from_notebook_node(book)
     text = text.replace(str(folder.resolve()), "/home/you").replace(name, "/home/you")
     return {path.with_suffix(".md").name: text, **resources["outputs"]}
