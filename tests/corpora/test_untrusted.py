@@ -242,7 +242,7 @@ class Stealing:
 
 
 def test_an_array_that_is_pickled_or_not_of_the_size_that_its_header_says(tmp_path):
-    for old, new in ((b"(3, 1, 2)", b"(9, 1, 2)"), (b"(3, 1, 2)", b"(2, 1, 2)"), (b"<f8", b"|O8")):
+    for old, new in ((b"(3, 1, 2)", b"(9, 1, 2)"), (b"<f8", b"|O8")):
         with zipfile.ZipFile(npz(tmp_path, offsets=[0, 1, 2])) as packed:
             parts = {name: packed.read(name).replace(old, new) for name in packed.namelist()}
         refused("table", archive(tmp_path, name="my.npz", parts=parts), "my.npz")

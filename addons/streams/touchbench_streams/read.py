@@ -43,7 +43,7 @@ def read(path: Path, rate_hz: float, grid: str, full_scale: float = 1023.0) -> C
     check_scales(rate_hz, full_scale)
     size = parse_grid(grid)
     check_file(path)
-    rows, warnings = read_table_rows(path, size, full_scale, ["label"], KNOWN, blank="label")
+    rows, warnings = read_table_rows(path, size, full_scale, ["label"], KNOWN, optional="label")
     labels = rows.labels
     if "gesture" in labels:
         raise InputError(

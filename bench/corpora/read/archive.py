@@ -1,4 +1,4 @@
-"""Folders and archives, which may be damaged or hostile: nothing is unpacked before its sizes are checked."""
+"""Folders and archives, which may be damaged or hostile: sizes are checked before unpacking."""
 
 from __future__ import annotations
 
@@ -6,98 +6,107 @@ import tarfile
 import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
-from bench.corpora.read.limits import check_unpacked_size, file_name, one_line
-from bench.errors import InputError
+from bench.corpora.read.limits import check_unpacked_size, file_name
+from bench.errors import InputError, one_line
+
+BROKEN = "not a readable archive ({}); get it again"
+PACKING = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # zipfile does not bound the memory of others
 
 
 @contextmanager
 def open_zip(path: Path, broken: str) -> Iterator[tuple[zipfile.ZipFile, list[zipfile.ZipInfo]]]:
-    """A zip archive and the files in it, without folders and additions of macOS.
+    """Open a zip archive; yield it and the files in it, without folders and additions of macOS.
 
-    Any error within the context is that of a damaged file: the message ``broken``, with a place for the reason. Files
-    packed with bzip2 or LZMA are refused, as ``zipfile`` does not bound their memory.
+    Args:
+        path: the archive.
+        broken: message on any error within the context, with a place for the reason.
     """
-    try:
-        with zipfile.ZipFile(path) as archive:
-            members = [
-                m
-                for m in archive.infolist()
-                if not m.filename.endswith("/") and not _by_macos(m.filename)
-            ]
-            check_unpacked_size(
-                sum(m.file_size for m in members), path, "pack it without compression"
+    with _refuse_damage(path, broken), zipfile.ZipFile(path) as archive:
+        members = [
+            member
+            for member in archive.infolist()
+            if not member.is_dir() and not _is_from_macos(member.filename)
+        ]
+        unpacked = sum(member.file_size for member in members)
+        check_unpacked_size(unpacked, path, "pack it without compression")
+        if any(member.compress_type not in PACKING for member in members):
+            raise InputError(
+                f"{file_name(path)}: packed with bzip2 or LZMA; pack it with deflate, the usual way"
             )
-            if any(
-                m.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) for m in members
-            ):
-                raise InputError(
-                    f"{file_name(path)}: packed with bzip2 or LZMA; pack it with deflate, the usual way"
-                )
-            yield archive, members
+        yield archive, members
+
+
+@contextmanager
+def _refuse_damage(path: Path, broken: str) -> Iterator[None]:
+    """Turn any error of a damaged file into an `InputError`."""
+    try:
+        yield
     except InputError:
         raise
-    except (
-        Exception
-    ) as e:  # damage shows as a dozen types: BadZipFile, zlib.error, struct.error, ...
+    except Exception as e:  # a dozen types: BadZipFile, TarError, zlib.error, struct.error, ...
         raise InputError(f"{file_name(path)}: {broken.format(one_line(e))}") from e
 
 
 def read_files(
-    path: Path, wanted: Callable[[str], object], most: int, give: str
-) -> Iterator[tuple[str, bytes]]:
-    """Names and contents of the wanted files of a folder, or of a zip or tar archive, each of at most so many bytes.
+    path: Path, is_wanted: Callable[[str], object], most: int, advice: str
+) -> dict[str, bytes]:
+    """Read the wanted files of a folder, or of a zip or tar archive.
 
-    Names are without folders, in small letters; ``give`` is what to give instead, for messages.
+    Args:
+        path: folder or archive.
+        is_wanted: function of a file's name without folders, in small letters.
+        most: largest number of bytes of a file.
+        advice: what to give instead, for messages.
+
+    Returns:
+        Contents by name.
+
+    Raises:
+        InputError: there is no such archive, it is damaged, or has a file twice or one too large.
     """
-    broken, seen = "not a readable archive ({}); get it again", set()
-
-    def chosen(name: str, size: int) -> str:
-        file = name.rsplit("/", 1)[-1].lower()
-        if _by_macos(name) or not wanted(file):
-            return ""
-        if size > most:
-            raise InputError(
-                f"{file_name(path)}: {one_line(name)} is larger than {most >> 20} MiB; get it again"
-            )
-        if file in seen:
-            raise InputError(
-                f"{file_name(path)}: {one_line(name)} is in it twice; leave only the one that is meant"
-            )
-        seen.add(file)
-        return file
-
-    if path.is_dir():
-        for file in path.rglob("*"):
-            if file.is_file() and (
-                name := chosen(file.relative_to(path).as_posix(), file.stat().st_size)
-            ):
-                yield name, file.read_bytes()
-    elif not path.is_file():
-        raise InputError(f"{one_line(path, 160)}: there is no such file or folder; give {give}")
-    elif tarfile.is_tarfile(path):
-        try:
-            with tarfile.open(path) as archive:
-                members = [
-                    (name, m) for m in archive if m.isfile() and (name := chosen(m.name, m.size))
-                ]
-                check_unpacked_size(
-                    sum(m.size for _, m in members), path, "unpack it and give the folder"
+    if not (path.is_dir() or path.is_file()):
+        raise InputError(f"{one_line(path, 160)}: there is no such file or folder; give {advice}")
+    contents: dict[str, bytes] = {}
+    with _refuse_damage(path, BROKEN):
+        for place, size, read in _iter_members(path):
+            name = place.rsplit("/", 1)[-1].lower()
+            if _is_from_macos(place) or not is_wanted(name):
+                continue
+            if size > most:
+                raise InputError(
+                    f"{file_name(path)}: {one_line(place)} is larger than {most >> 20} MiB; "
+                    "get it again"
                 )
-                for name, member in members:
-                    content = archive.extractfile(member)
-                    yield name, content.read() if content else b""
-        except (tarfile.TarError, EOFError, OSError) as e:
-            raise InputError(f"{file_name(path)}: {broken.format(one_line(e))}") from e
+            if name in contents:
+                raise InputError(
+                    f"{file_name(path)}: {one_line(place)} is in it twice; leave only one"
+                )
+            contents[name] = read()
+    return contents
+
+
+def _iter_members(path: Path) -> Iterator[tuple[str, int, Callable[[], bytes]]]:
+    """Path, size in bytes and reader of each file of a folder or an archive."""
+    if path.is_dir():
+        for file in filter(Path.is_file, path.rglob("*")):
+            yield file.relative_to(path).as_posix(), file.stat().st_size, file.read_bytes
+    elif tarfile.is_tarfile(path):
+        with tarfile.open(path) as archive:
+            members = [member for member in archive if member.isfile()]
+            unpacked = sum(member.size for member in members)
+            check_unpacked_size(unpacked, path, "unpack it and give the folder")
+            for member in members:
+                yield member.name, member.size, archive.extractfile(member).read
     else:
-        with open_zip(path, broken) as (packed, entries):
+        with open_zip(path, BROKEN) as (packed, entries):
             for entry in entries:
-                if name := chosen(entry.filename, entry.file_size):
-                    yield name, packed.read(entry)
+                yield entry.filename, entry.file_size, partial(packed.read, entry)
 
 
-def _by_macos(name: str) -> bool:
-    """Return True for a file that macOS added to an archive or a folder."""
-    *folders, file = name.split("/")
-    return "__MACOSX" in folders or file.startswith("._")
+def _is_from_macos(place: str) -> bool:
+    """True for a file that macOS added to an archive or a folder."""
+    *folders, name = place.split("/")
+    return "__MACOSX" in folders or name.startswith("._")

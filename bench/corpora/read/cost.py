@@ -1,4 +1,7 @@
-"""CoST, the Corpus of Social Touch (Jung et al. 2014; doi 10.4121/uuid:5ef62345-3b3e-479c-8e1d-c922748c9b29)."""
+"""CoST, the Corpus of Social Touch.
+
+Jung et al. 2014; doi 10.4121/uuid:5ef62345-3b3e-479c-8e1d-c922748c9b29.
+"""
 
 from __future__ import annotations
 
@@ -29,12 +32,15 @@ GESTURES = tuple(
     "grab hit massage pat pinch poke press rub scratch slap squeeze stroke tap tickle".split()
 )
 LABELS = ["subject", "variant", "gesture", "frame"]
-CHANNELS = [f"ch{i}" for i in range(1, 65)]
+CHANNELS = [f"ch{number}" for number in range(1, 65)]
 RATE_HZ = 135.0
+NO_HEADER = pacsv.WriteOptions(include_header=False)
 
-# Of 31 x 3 x 14 x 6 = 7812 captures seven were removed before publication (Jung et al. 2017, section 3.3).
+# Seven of 31 x 3 x 14 x 6 = 7812 captures were removed before publication (Jung et al. 2017, 3.3).
 PUBLISHED_MD5 = "c6035f76d1e13f81168dd79586dcb742"
 PUBLISHED_SUBJECTS = 31
+SHORTEST, LONGEST = "frames of the shortest capture", "frames of the longest capture"
+MD5 = "MD5 of the file"
 PUBLISHED = {
     "captures": 7805,
     "subjects": PUBLISHED_SUBJECTS,
@@ -42,13 +48,13 @@ PUBLISHED = {
     "gesture": dict.fromkeys(GESTURES, 558)
     | dict.fromkeys("massage pat rub squeeze tickle".split(), 557)
     | {"stroke": 556},
-    "frames of the shortest capture": 10,
-    "frames of the longest capture": 1747,
-    "MD5 of the file": PUBLISHED_MD5,
+    SHORTEST: 10,
+    LONGEST: 1747,
+    MD5: PUBLISHED_MD5,
 }
 
-# Which subjects the challenge trained on was not published, but the lengths of their captures identify them: frames of
-# a subject's 12 gentle and normal captures of a gesture, for the 21 training subjects.
+# Which subjects the challenge trained on was not published, but the lengths of their captures tell:
+# frames of a subject's 12 gentle and normal captures of a gesture, for the 21 training subjects.
 SUMS = """
 grab 957 5247 1518 2679 2409 1260 2217 2745 2340 1194 2127 1422 2250 1722 1572 2445 1107 1665 3126 3180 1809
 press 663 3777 1197 2565 1548 1224 3105 1758 2610 1155 1707 1524 2310 1008 1170 2226 1035 1536 3726 2391 2040
@@ -61,29 +67,31 @@ CHALLENGE_FRAMES = {
 
 
 def read(path: Path) -> Corpus:
-    """Read ``CoST.csv``, whole or in part; every figure that differs from the published one is a warning.
+    """Read ``CoST.csv``, whole or in part; each deviation from the published figures is a warning.
 
-    Row 0 is at the top (the file's channels 57 to 64). Where the lengths of captures identify the subjects of the 2015
-    challenge, a column ``split`` says which captures it used for training and for testing. A column ``synthetic`` of
-    ones, which CoST has not, marks generated captures, as `write_cost` does.
+    Row 0 is at the top (the file's channels 57 to 64). If the lengths of captures identify the
+    subjects of the 2015 challenge, a column ``split`` says which captures it used for training and
+    for testing. A column ``synthetic`` of ones, which CoST does not have, marks generated captures,
+    as `write_cost` does.
 
     Raises:
-        InputError: the file is not in the format, or is broken; the message names the line.
+        InputError: the file is not in the format, or is damaged; the message names the line.
     """
     path = Path(path)
-    table = CsvTable(path, file_name(path), counts=[*LABELS, SYNTHETIC], whole=True)
-    check_columns(table.columns, LABELS + CHANNELS, table.header_prefix)
-    made = SYNTHETIC in table.columns
-    if extra := set(table.columns) - {*LABELS, SYNTHETIC, *CHANNELS}:
+    rows = CsvTable(path, file_name(path), counts=[*LABELS, SYNTHETIC], whole=True)
+    check_columns(rows.columns, LABELS + CHANNELS, rows.header_prefix)
+    synthetic = SYNTHETIC in rows.columns
+    if extra := set(rows.columns) - {*LABELS, SYNTHETIC, *CHANNELS}:
         raise InputError(
-            f"{table.header_prefix}: column {quote_text(min(extra))} is not one of CoST's; import it as a table instead"
+            f"{rows.header_prefix}: column {quote_text(min(extra))} is not one of CoST's; "
+            "import it as a table instead"
         )
-    rows = table.read_rows(CHANNELS, FULL_SCALE)
-    labels = rows.labels
-    if made:
-        rows.check_labels(SYNTHETIC, labels[SYNTHETIC] == 1, "1, as this format marks all or none")
-    for column, codes in (("variant", len(VARIANTS)), ("gesture", len(GESTURES))):
-        rows.check_labels(column, labels[column].between(1, codes), f"one of 1 to {codes}")
+    labels = rows.read_rows(CHANNELS, FULL_SCALE).labels
+    if synthetic:
+        is_one = labels[SYNTHETIC] == 1
+        rows.check_labels(SYNTHETIC, is_one, "1, as this format marks all or none")
+    for column, count in (("variant", len(VARIANTS)), ("gesture", len(GESTURES))):
+        rows.check_labels(column, labels[column].between(1, count), f"one of 1 to {count}")
     first, starts, lengths = rows.split_captures(LABELS[:3], labels["frame"].to_numpy(), 1)
     captures = pd.DataFrame(
         {
@@ -95,62 +103,59 @@ def read(path: Path) -> Corpus:
     captures["repetition"] = captures.groupby(["subject", "variant", "gesture"]).cumcount() + 1
     with open(path, "rb") as file:
         md5 = hashlib.file_digest(file, lambda: hashlib.md5(usedforsecurity=False)).hexdigest()
-    extremes = dict(zip([*PUBLISHED][4:], (lengths.min(), lengths.max(), md5), strict=True))
-    warnings = deviations_from_published(captures, PUBLISHED, extremes)
+    figures = {SHORTEST: lengths.min(), LONGEST: lengths.max(), MD5: md5}
+    warnings = deviations_from_published(captures, PUBLISHED, figures)
     if training := training_subjects(captures, lengths):
         split = np.where(captures["subject"].isin(training), "train", "test")
         captures["split"] = np.where(captures["variant"] == "rough", "", split)
     else:
         warnings.append(
-            "the official 21 / 10 challenge split cannot be recovered from the frame counts; protocol=challenge draws "
-            "seeded random 21 / 10 splits instead and says so in every row"
+            "the official 21 / 10 challenge split cannot be recovered from the frame counts; "
+            "protocol=challenge draws seeded random 21 / 10 splits instead and says so in every row"
         )
-    published = "; 4TU, doi 10.4121/uuid:5ef62345-3b3e-479c-8e1d-c922748c9b29"
     source, licence = (
-        ("; generated, in the layout of CoST", "none needed")
-        if made
-        else (published, "CC BY-NC-SA 4.0")
+        "; 4TU, doi 10.4121/uuid:5ef62345-3b3e-479c-8e1d-c922748c9b29",
+        "CC BY-NC-SA 4.0",
     )
-    info = source_info(path, source, licence, warnings, made)
-    frames = rows.values.reshape(-1, 8, 8)
-    for block in np.array_split(frames, max(1, len(frames) // 65536)):
-        block[:] = block[:, ::-1].copy()
+    if synthetic:
+        source, licence = "; generated, in the layout of CoST", "none needed"
+    info = source_info(path, source, licence, warnings, synthetic)
+    frames = rows.values.reshape(-1, 8, 8)[:, ::-1].copy()
     return Corpus(frames, starts, lengths, captures, RATE_HZ, FULL_SCALE, "cost", info=info)
 
 
 def write_cost(corpus: Corpus, path: Path) -> None:
-    """Write captures in the format of ``CoST.csv``, generated ones with a column ``synthetic`` behind ``frame``."""
+    """Write captures as ``CoST.csv``; ``synthetic`` follows ``frame`` for generated ones.
+
+    Raises:
+        InputError: the format cannot hold the captures, or the file cannot be written.
+    """
     path, captures = Path(path), corpus.captures
-    if not path.name or (
-        path.exists() and not path.is_file()
-    ):  # a device would be replaced, a pipe waited for
-        raise InputError(f"{path} cannot be written (it is not a plain file); name a file")
-    whole = corpus.grid == (8, 8) and corpus.frames.dtype == np.uint16
-    held = {
-        f"8x8 frames of whole numbers up to {FULL_SCALE}": whole
-        and all(one.max() <= FULL_SCALE for one in corpus),
+    has_frames = corpus.grid == (8, 8) and corpus.frames.dtype == np.uint16
+    names = [str(subject) for subject in set(corpus.subjects)]
+    requirements = {
+        f"8x8 frames of whole numbers up to {FULL_SCALE}": has_frames
+        and corpus.frames.max() <= FULL_SCALE,
         f"a column variant of {', '.join(VARIANTS)}": "variant" in captures
         and captures["variant"].isin(VARIANTS).all(),
         f"the gestures {', '.join(GESTURES)}": np.isin(corpus.gestures, GESTURES).all(),
         "subjects that are whole numbers of up to 9 digits": all(
-            re.fullmatch(r"0|[1-9]\d{0,8}", str(subject), re.ASCII)
-            for subject in set(corpus.subjects)
+            re.fullmatch(r"0|[1-9]\d{0,8}", name, re.ASCII) for name in names
         ),
     }
-    for needed, is_there in held.items():
-        if not is_there:
+    for requirement, is_met in requirements.items():
+        if not is_met:
             raise InputError(
-                f"{corpus.name}: CoST's format needs {needed}; give format=table, which holds any captures"
+                f"{corpus.name}: CoST's format needs {requirement}; "
+                "give format=table, which holds any captures"
             )
-    variants, gestures = (
-        captures["variant"].map(VARIANTS.index) + 1,
-        captures["gesture"].map(GESTURES.index) + 1,
-    )
+    variants = captures["variant"].map(VARIANTS.index) + 1
+    gestures = captures["gesture"].map(GESTURES.index) + 1
     codes = np.stack([captures["subject"], variants, gestures], axis=1).astype(np.int32)
     columns = [*LABELS, *([SYNTHETIC] if corpus.synthetic else []), *CHANNELS]
     try:
-        with write_then_rename(path) as beside, open(beside, "wb") as f:
-            f.write(", ".join(columns).encode() + b"\n")
+        with write_then_rename(path) as beside, open(beside, "wb") as file:
+            file.write(", ".join(columns).encode() + b"\n")
             for i in range(0, len(corpus), 256):  # a call for each capture takes twice as long
                 some = corpus[i : i + 256]
                 labels = np.repeat(codes[i : i + 256], some.lengths, axis=0)
@@ -158,28 +163,24 @@ def write_cost(corpus: Corpus, path: Path) -> None:
                 mark = np.ones((len(frame), int(corpus.synthetic)), np.int32)
                 values = np.concatenate([*some])[:, ::-1].reshape(-1, 64)
                 rows = np.column_stack([labels, frame, mark, values]).T.copy()
-                pacsv.write_csv(
-                    pa.table([*rows], names=columns), f, pacsv.WriteOptions(include_header=False)
-                )
+                pacsv.write_csv(pa.table([*rows], names=columns), file, NO_HEADER)
     except OSError as e:
         raise InputError(f"{path} cannot be written ({e.strerror}); choose another place") from e
 
 
 def training_subjects(captures: pd.DataFrame, lengths: np.ndarray) -> set[str]:
-    """The 21 training subjects of the challenge by the lengths of their captures, or none if they do not match.
+    """The 21 training subjects of the challenge, or none if the lengths of captures do not fit.
 
-    A training subject has a known sum in each of the four gestures. A test subject may share one of them by chance,
-    about 2 in 100 do for a gesture, but not all four; so the subjects found must be 21 and have exactly the known sums.
+    A training subject has a known sum in each of four gestures. A test subject may share one by
+    chance (about 2 in 100 do for a gesture), but not all four. So the subjects found must be 21 and
+    have exactly the known sums.
     """
     used = captures.assign(frames=lengths)[captures["variant"].isin(["gentle", "normal"])]
     frames = used.pivot_table(index="subject", columns="gesture", values="frames", aggfunc="sum")
-    if captures["subject"].nunique() != PUBLISHED_SUBJECTS or not set(CHALLENGE_FRAMES) <= set(
-        frames
-    ):
+    has_gestures = set(CHALLENGE_FRAMES) <= set(frames)
+    if captures["subject"].nunique() != PUBLISHED_SUBJECTS or not has_gestures:
         return set()
     matches = [frames[gesture].isin(sums) for gesture, sums in CHALLENGE_FRAMES.items()]
     training = frames[np.logical_and.reduce(matches)]
-    exact = all(
-        sorted(training[gesture]) == sorted(sums) for gesture, sums in CHALLENGE_FRAMES.items()
-    )
-    return set(training.index) if exact else set()
+    is_exact = all(sorted(training[g]) == sorted(sums) for g, sums in CHALLENGE_FRAMES.items())
+    return set(training.index) if is_exact else set()

@@ -19,7 +19,7 @@ from bench.corpora.read.rows import CsvTable
 from bench.errors import InputError
 
 FILES = {"training.csv": "train", "testWITHLABELS.csv": "test"}
-CELLS = [f"cell{i}" for i in range(1, 65)]
+CELLS = [f"cell{number}" for number in range(1, 65)]
 FRAMES = 432  # the middle 8 s of 10 s at 54 Hz
 RATE_HZ = 54.0
 FULL_SCALE = 1023
@@ -36,66 +36,55 @@ PUBLISHED_SUBJECTS = 10
 
 
 def read(path: Path) -> Corpus:
-    """Read the release, an archive or a folder with its two CSV files; ``split`` is the 2015 challenge's.
+    """Read the release, an archive or a folder with its two CSV files.
+
+    The column ``split`` is that of the 2015 challenge.
 
     Raises:
-        InputError: a file is missing or broken; the message names the line.
+        InputError: a file is missing or damaged; the message names the line.
     """
-    path, names = Path(path), {name.lower(): name for name in FILES}
-    found = dict(
-        read_files(path, names.__contains__, LARGEST, "the zip file or the folder of the release")
-    )
-    if missing := [name for small, name in names.items() if small not in found]:
+    path, names = Path(path), [name.lower() for name in FILES]
+    advice = "the zip file or the folder of the release"
+    contents = read_files(path, names.__contains__, LARGEST, advice)
+    if missing := [name for name in FILES if name.lower() not in contents]:
         raise InputError(
-            f"{file_name(path)}: {missing[0]} is missing; give the release with its {' and '.join(FILES)}"
+            f"{file_name(path)}: {missing[0]} is missing; give the release with its "
+            f"{' and '.join(FILES)}"
         )
-    parts = [_part(found[name.lower()], name, split) for name, split in FILES.items()]
+    parts = [_read_part(contents[name.lower()], name, split) for name, split in FILES.items()]
     frames = np.concatenate([values for _, values in parts]).reshape(-1, 8, 8)
-    captures = pd.concat([rows for rows, _ in parts], ignore_index=True)
-    of = captures.groupby("split")
-    warned = [
-        w
-        for split, n in PUBLISHED.items()
-        for w in deviations_from_published(of.get_group(split), n, part=f"{split} ")
-    ]
-    warned += deviations_from_published(captures, {"subjects": PUBLISHED_SUBJECTS})
+    captures = pd.concat([labels for labels, _ in parts], ignore_index=True)
+    warnings = []
+    for split, figures in PUBLISHED.items():
+        part = captures[captures["split"] == split]
+        warnings += deviations_from_published(part, figures, part=f"{split} ")
+    warnings += deviations_from_published(captures, {"subjects": PUBLISHED_SUBJECTS})
     source = "; UBC SPIN lab, Human-Animal Affective Robot Touch"
-    info = source_info(path, source, "none stated by its authors", warned)
+    info = source_info(path, source, "none stated by its authors", warnings)
     starts = np.arange(len(captures), dtype=np.int64) * FRAMES
-    return Corpus(
-        frames,
-        starts,
-        np.full_like(starts, FRAMES),
-        captures,
-        RATE_HZ,
-        FULL_SCALE,
-        "haart",
-        info=info,
-    )
+    lengths = np.full_like(starts, FRAMES)
+    return Corpus(frames, starts, lengths, captures, RATE_HZ, FULL_SCALE, "haart", info=info)
 
 
-def _part(source: bytes, name: str, split: str) -> tuple[pd.DataFrame, np.ndarray]:
-    """Captures and frames of one file; frames of the training file have no number, but 432 make a capture."""
-    table = CsvTable(source, name, counts=["Sequence"], whole=True)
-    participant, numbered = (
-        ("ParticipantNo", []) if split == "train" else ("ParticipantID", ["Sequence"])
-    )
+def _read_part(content: bytes, name: str, split: str) -> tuple[pd.DataFrame, np.ndarray]:
+    """Captures and frames of one file; the training file does not number its frames."""
+    rows = CsvTable(content, name, counts=["Sequence"], whole=True)
+    participant = "ParticipantNo" if split == "train" else "ParticipantID"
+    numbers = [] if split == "train" else ["Sequence"]
     conditions = [participant, "Gesture", "Substrate", "Cover"]
-    check_columns(table.columns, [*conditions, *numbered, *CELLS], table.header_prefix)
-    rows = table.read_rows(CELLS, FULL_SCALE)
-    frame = (
-        rows.labels["Sequence"].to_numpy() if numbered else np.arange(len(rows.labels)) % FRAMES + 1
-    )
+    check_columns(rows.columns, [*conditions, *numbers, *CELLS], rows.header_prefix)
+    labels = rows.read_rows(CELLS, FULL_SCALE).labels
+    frame = labels["Sequence"].to_numpy() if numbers else np.arange(len(labels)) % FRAMES + 1
     captures, starts, lengths = rows.split_captures(conditions, frame, 1)
     if len(wrong := np.flatnonzero(lengths != FRAMES)):
         rows.refuse_row(
             starts[wrong[0]],
-            f"the capture that starts here has {lengths[wrong[0]]} frames instead of {FRAMES}; get the file again",
+            f"the capture that starts here has {lengths[wrong[0]]} frames instead of {FRAMES}; "
+            "get the file again",
         )
-    who = rows.labels[participant].str.fullmatch("[PT]?[1-9][0-9]{0,8}")
-    rows.check_labels(participant, who, "a participant such as P4")
-    rows.check_labels(
-        "Gesture", rows.labels["Gesture"].isin(GESTURES), f"one of {', '.join(GESTURES)}"
-    )
+    is_name = labels[participant].str.fullmatch("[PT]?[1-9][0-9]{0,8}")
+    rows.check_labels(participant, is_name, "a participant such as P4")
+    is_gesture = labels["Gesture"].isin(GESTURES)
+    rows.check_labels("Gesture", is_gesture, f"one of {', '.join(GESTURES)}")
     captures = captures[conditions].set_axis(["subject", "gesture", "substrate", "cover"], axis=1)
     return captures.assign(subject=captures["subject"].str.lstrip("PT"), split=split), rows.values

@@ -1,6 +1,7 @@
-"""Tables with one frame per row, as labels and checked sensor values: CSV, parquet, and pandas in memory.
+"""Tables with one frame per row, read as labels and checked sensor values.
 
-Rows are read in blocks, so what is no table costs a block, whatever it would expand to.
+CSV and parquet files are read in blocks: a long recording fits into memory as sensor values, and a
+file that is no table costs one block, whatever it would expand to.
 """
 
 from __future__ import annotations
@@ -29,128 +30,126 @@ from bench.corpora.read.limits import (
     check_values,
     file_name,
     label_defect,
-    one_line,
     quote_text,
-    shorten,
     smallest_dtype,
 )
-from bench.errors import InputError
+from bench.errors import InputError, one_line, shorten
 from bench.ground.progress import warn
 
 SEPARATORS = ",;\t"  # of a CSV file
 BLOCK = 8 << 20  # bytes of a CSV file that are parsed at once, at least a line
-MOST_LINE = 4 << 20  # bytes
-AT_ONCE = 1 << 22  # values of a parquet file that are unpacked in one step
-_WORDS = pa.dictionary(pa.int32(), pa.string())
-_KINDS = {
+MOST_HEADER = 4 << 20  # bytes
+AT_ONCE = 1 << 22  # values of a parquet file that are unpacked at once
+TEXT = pa.dictionary(pa.int32(), pa.string())  # each word once, so that repeated ones take no room
+BYTES_PER_VALUE = 4  # in memory: a number, or the code of a word
+INTEGERS = {pa.int64(): pd.Int64Dtype()}  # with gaps
+NUMBER_WORDS = {
     "int64": "a whole number",
     "uint16": "a whole number from 0 to 65535",
     "double": "a number",
 }
-_TEXT = (
-    kinds.is_string,
-    kinds.is_large_string,
-    kinds.is_binary,
-    kinds.is_large_binary,
-    kinds.is_fixed_size_binary,
-)
-_WIDTHS = {
-    "BOOLEAN": 1,
-    "INT32": 4,
-    "FLOAT": 4,
-    "INT96": 12,
-    "BYTE_ARRAY": 32,
-}  # bytes of a value in memory
 
 
 def differs_from_previous(column: pd.Series) -> np.ndarray:
-    """Whether each row differs from the one before, bool [rows]; the first does not."""
+    """True where a row differs from the one before, bool [rows]; False for the first row."""
     codes = pd.factorize(column)[0]
     return np.append(False, codes[1:] != codes[:-1])
 
 
 def categories_as_text(captures: pd.DataFrame) -> pd.DataFrame:
-    """Text instead of categories: plain columns are what a query wants."""
-    for column in captures:
-        if isinstance(captures[column].dtype, pd.CategoricalDtype):
-            captures[column] = (
-                captures[column].cat.categories.astype(str).take(captures[column].cat.codes)
-            )
+    """The table with text in place of categories, as queries need it."""
+    for column in captures.select_dtypes("category"):
+        words = captures[column].cat
+        captures[column] = words.categories.astype(str).take(words.codes)
     return captures
 
 
 class Table:
-    """A table with one frame per row; subclasses give the rows in batches."""
+    """A table with one frame per row; subclasses read its rows in batches.
 
-    columns: list[str]  # without spaces around them
-    header_prefix: str  # beginning of messages about columns
-    row_prefix: str  # the table and the word for a row in messages: "my.csv, line"
-    first = 1  # number of the first row
-    labels: (
-        pd.DataFrame
-    )  # once read: all columns but the channels in file order, text as categories
-    values: (
-        np.ndarray
-    )  # once read: of sensors [rows, channels], uint16 when all are whole and fit, else float32
+    Attributes:
+        columns: names of the columns, without spaces around them.
+        header_prefix: beginning of messages about columns.
+        row_prefix: beginning of messages about a row, whose number follows: ``my.csv, line``.
+        first: number of the first row.
+        labels: all columns but the channels, in file order, text as categories; after `read_rows`.
+        values: sensor values [rows, channels], uint16 if all are whole and fit, else float32.
+    """
+
+    columns: list[str]
+    header_prefix: str
+    row_prefix: str
+    first = 1
+    labels: pd.DataFrame
+    values: np.ndarray
 
     def read_batches(self, channels: list[str]) -> Iterator[pa.RecordBatch]:
-        """Rows; of text each word once (a dictionary), so that a long one that is repeated is not multiplied."""
+        """Yield the rows; the columns ``channels`` must hold numbers."""
         raise NotImplementedError
 
-    def read_rows(self, channels: list[str], full_scale: float, blank: str = "") -> Self:
-        """Read all rows, the values of the channels in this order; in the column ``blank`` cells may be empty."""
+    def read_rows(self, channels: list[str], full_scale: float, optional: str = "") -> Self:
+        """Read all rows into `labels` and `values`.
+
+        Args:
+            channels: columns of sensor values, in the order of the taxels.
+            full_scale: largest value that the sensor can give.
+            optional: column in which cells may be empty.
+
+        Raises:
+            InputError: a cell or a column does not fit, or there is no row.
+        """
         check_condition_count(len(self.columns) - len(channels), self.header_prefix)
-        labels: dict[str, list[pa.Array]] = {}
-        blocks, first = [], self.first
+        batches, blocks, first = [], [], self.first
         for batch in self.read_batches(channels):
-            columns = dict(zip(self.columns, batch.columns, strict=True))
-            sensors = [
-                columns.pop(name).to_numpy(zero_copy_only=False) for name in channels
-            ]  # a gap becomes NaN
-            for name, column in zip(channels, sensors, strict=True):
-                check_values(column[:, None], full_scale, self.row_prefix, first, [name])
-            block = np.stack(sensors, axis=1)
+            # A gap becomes NaN, which is refused.
+            sensors = [batch.column(self.columns.index(name)) for name in channels]
+            block = np.stack([s.to_numpy(zero_copy_only=False) for s in sensors], axis=1)
+            check_values(block, full_scale, self.row_prefix, first, channels)
             blocks.append(block.astype(smallest_dtype(block)))
-            for name, column in columns.items():
-                labels.setdefault(name, []).append(column)
+            batches.append(batch.rename_columns(self.columns).drop_columns(channels))
             first += len(batch)
         if not blocks:
-            raise InputError(
-                f"{self.row_prefix.partition(',')[0]}: there are no frames in it; give one row per frame"
-            )
-        table = {
-            name: self._joined(pa.chunked_array(parts), name, name == blank)
-            for name, parts in labels.items()
-        }
-        self.labels, self.values = pd.DataFrame(table), np.concatenate(blocks)
+            raise InputError(f"{self.header_prefix}: no frames below it; give one row per frame")
+        self.labels = self._as_labels(pa.Table.from_batches(batches), optional)
+        self.values = np.concatenate(blocks)
         return self
 
+    def _as_labels(self, table: pa.Table, optional: str = "") -> pd.DataFrame:
+        """Columns of labels: text as categories; whole numbers stay whole beside gaps."""
+        labels: dict[str, object] = {}
+        for name, column in zip(table.column_names, table.columns, strict=True):
+            if _is_text(column.type):
+                words = column.unify_dictionaries().combine_chunks()
+                labels[name] = text_categories(
+                    words, name, self.row_prefix, self.first, name == optional
+                )
+            elif kinds.is_integer(column.type) and column.null_count:
+                labels[name] = column.cast(pa.int64()).to_pandas(types_mapper=INTEGERS.get).array
+            else:
+                labels[name] = column.to_pandas().to_numpy()
+        return pd.DataFrame(labels)
+
     def refuse_row(self, row: int, reason: str) -> NoReturn:
-        """End with a message about a row."""
+        """Raise an `InputError` about a row."""
         raise InputError(f"{self.row_prefix} {self.first + row}: {reason}")
 
-    def check_labels(self, column: str, good: pd.Series, wanted: str) -> None:
-        """Refuse the first label that is not good; ``wanted`` describes valid ones."""
-        if len(wrong := np.flatnonzero(~good.to_numpy(dtype=bool))):
+    def check_labels(self, column: str, valid: pd.Series, wanted: str) -> None:
+        """Refuse the first label that is not valid; ``wanted`` describes valid ones."""
+        if len(wrong := np.flatnonzero(~valid.to_numpy(dtype=bool))):
             value = quote_text(str(self.labels[column].iloc[wrong[0]]))
             self.refuse_row(wrong[0], f"{column} is {value}, not {wanted}; correct it")
 
     def check_filled(self) -> None:
-        """Refuse labels that are missing."""
-        if self.labels.isna().any(axis=None):
-            row, column = np.argwhere(self.labels.isna().to_numpy())[0]
-            self.refuse_row(
-                row, f"{shorten(str(self.labels.columns[column]))} is empty; fill the cell"
-            )
+        """Refuse missing labels."""
+        if len(gaps := np.argwhere(self.labels.isna().to_numpy())):
+            row, column = gaps[0]
+            self.refuse_row(row, f"{shorten(self.labels.columns[column])} is empty; fill the cell")
 
     def take_frame_numbers(self) -> np.ndarray:
-        """The column ``frame``, which is taken from the labels, int64 [rows]."""
+        """Remove the column ``frame`` from the labels and return it, int64 [rows]."""
         numbers = self.labels.pop("frame").to_numpy()
-        if len(
-            wrong := np.flatnonzero(
-                ~(np.abs(numbers.astype(float)) < 2**53) | (numbers != np.round(numbers))
-            )
-        ):
+        exact = np.abs(numbers.astype(float)) < 2**53
+        if len(wrong := np.flatnonzero(~exact | (numbers != np.round(numbers)))):
             self.refuse_row(
                 wrong[0], f"frame is {numbers[wrong[0]]}, not a whole number; correct it"
             )
@@ -159,104 +158,100 @@ class Table:
     def split_captures(
         self, same: list[str], frame: np.ndarray, origin: int
     ) -> tuple[pd.DataFrame, np.ndarray, np.ndarray]:
-        """Labels, first row and length of each capture, which begins where the frame is ``origin``.
+        """Split the rows into captures.
 
-        Elsewhere the frame goes up by one, and the columns ``same`` stay the same.
+        Args:
+            same: columns of labels that do not change within a capture.
+            frame: number of each frame, which goes up by one within a capture.
+            origin: number of the first frame of a capture.
+
+        Returns:
+            Labels, first row and number of frames of each capture.
         """
-        changed = np.logical_or.reduce(
-            [differs_from_previous(self.labels[name]) for name in same]
-            + [np.arange(len(frame)) == 0]
-        )
+        changes = [differs_from_previous(self.labels[name]) for name in same]
+        changed = np.logical_or.reduce([*changes, np.arange(len(frame)) == 0])
         starts = frame == origin
-        wrong = np.flatnonzero(~starts & (changed | (np.diff(frame, prepend=origin - 1) != 1)))
-        if len(wrong):
+        jumps = np.diff(frame, prepend=origin - 1) != 1
+        if len(wrong := np.flatnonzero(~starts & (changed | jumps))):
             row = wrong[0]
             if not changed[row]:
                 self.refuse_frame_step(row, frame)
             self.refuse_row(
                 row,
-                f"a capture starts at frame {frame[row]} instead of {origin}; restore its first frames",
+                f"a capture starts at frame {frame[row]} instead of {origin}; "
+                "restore its first frames",
             )
         first = np.flatnonzero(starts)
         captures = categories_as_text(self.labels.iloc[first].reset_index(drop=True))
         return captures, first, np.diff(first, append=len(frame))
 
     def refuse_frame_step(self, row: int, frame: np.ndarray) -> NoReturn:
-        """End with a message about a frame that does not follow the one before."""
+        """Raise an `InputError` about a frame that does not follow the one before."""
         self.refuse_row(
             row,
-            f"frame {frame[row]} follows frame {frame[row - 1]}; restore the frames or renumber them",
+            f"frame {frame[row]} follows frame {frame[row - 1]}; "
+            "restore the frames or renumber them",
         )
-
-    def _joined(self, column: pa.ChunkedArray, name: str, blank: bool) -> object:
-        """A column of labels; whole numbers stay whole where some are missing."""
-        if _is_text(column.type):
-            return text_categories(
-                column.unify_dictionaries().combine_chunks(),
-                name,
-                self.row_prefix,
-                self.first,
-                blank,
-            )
-        if kinds.is_integer(column.type) and column.null_count:
-            whole = pd.UInt64Dtype() if kinds.is_unsigned_integer(column.type) else pd.Int64Dtype()
-            return column.to_pandas(types_mapper={column.type: whole}.get).array
-        return column.to_pandas().to_numpy()
 
 
 def text_categories(
-    column: pa.Array, name: str, where: str, first: int = 1, blank: bool = False
+    column: pa.Array, name: str, row_prefix: str, first: int = 1, may_be_empty: bool = False
 ) -> pd.Categorical:
-    """Labels without spaces around them, from text or bytes that should be text; ``first`` numbers the first row."""
-    coded = column if kinds.is_dictionary(column.type) else column.dictionary_encode()
-    count = len(coded.dictionary)
-    indices = coded.indices.cast(pa.int64()).fill_null(count).to_numpy()
-    used = np.flatnonzero(np.bincount(indices))  # words of other rows are not looked at
-    codes = np.searchsorted(used, indices)
+    """Labels without spaces around them, as composed Unicode characters (NFC).
+
+    Args:
+        column: text, or bytes that are text in UTF-8.
+        name: name of the column.
+        row_prefix: beginning of messages about a row.
+        first: number of the first row.
+        may_be_empty: True if a label may be missing.
+
+    Raises:
+        InputError: a label is empty, too long, not text, or has characters that cannot be seen.
+    """
+    encoded = column if kinds.is_dictionary(column.type) else column.dictionary_encode()
+    codes = encoded.indices.cast(pa.int64()).fill_null(-1).to_numpy()
+    used, positions = np.unique(codes, return_inverse=True)
     words = []
-    contents = coded.dictionary.take(pa.array(used, mask=used == count)).cast(pa.large_binary())
-    for i, content in enumerate(contents.to_pylist()):
+    for code in used.tolist():
+        content = encoded.dictionary[code].cast(pa.large_binary()).as_py() if code >= 0 else b""
         try:
-            text = (content or b"").decode()
-            word = text.strip()
-            if not unicodedata.is_normalized("NFC", word):
-                word = unicodedata.normalize("NFC", word)
-                warn(
-                    f"{where.partition(',')[0]}: {name} {word} is spelt in parts (NFD) and read as {word} (NFC)"
-                )
-            wrong = (
-                "" if blank and not word else label_defect(text if {"\n", "\r"} & {*text} else word)
-            )
+            text = content.decode()
+            word, has_line_end = text.strip(), "\n" in text or "\r" in text
+            defect = label_defect(text if has_line_end else word)
         except UnicodeDecodeError:
-            wrong = "is not text in UTF-8; save it as text"
-        if wrong:
-            raise InputError(
-                f"{where} {first + int(np.argmax(codes == i))}: {one_line(name, 60)} {wrong}"
-            )
-        words.append(word)
+            word, defect = "?", "is not text in UTF-8; save it as text"
+        if defect and (word or not may_be_empty):
+            row = first + int(np.argmax(codes == code))
+            raise InputError(f"{row_prefix} {row}: {one_line(name, 60)} {defect}")
+        words.append(unicodedata.normalize("NFC", word))
+        if words[-1] != word:
+            place = row_prefix.partition(",")[0]
+            warn(f"{place}: {name} {words[-1]} is spelt in parts (NFD) and read as NFC")
     merged, categories = pd.factorize(np.array(words, dtype=object))
-    return pd.Categorical.from_codes(merged[codes], categories)
+    return pd.Categorical.from_codes(merged[positions], categories)
 
 
 def _is_text(kind: pa.DataType) -> bool:
-    """Whether a column holds text, or bytes that should be text."""
+    """True for a column of text, or of bytes that should be text."""
     kind = kind.value_type if kinds.is_dictionary(kind) else kind
-    return any(test(kind) for test in _TEXT)
+    is_string = kinds.is_string(kind) or kinds.is_large_string(kind)
+    is_bytes = kinds.is_binary(kind) or kinds.is_large_binary(kind)
+    return is_string or is_bytes or kinds.is_fixed_size_binary(kind)
 
 
-def _check_types(schema: pa.Schema, names: list[str], numbers: set[str], label: str) -> None:
-    """Refuse columns that are neither text nor numbers; those of ``numbers`` must hold numbers."""
-    for name, field in zip(names, schema, strict=True):
-        number, kind = name in numbers, field.type
-        if kinds.is_dictionary(kind) and not number:
-            kind = kind.value_type
-        if number and not (kinds.is_integer(kind) or kinds.is_floating(kind)):
+def _check_types(schema: pa.Schema, names: list[str], numbers: set[str], place: str) -> None:
+    """Refuse columns that hold neither text nor numbers; those of ``numbers`` must hold numbers."""
+    for name, kind in zip(names, schema.types, strict=True):
+        if name in numbers and not (kinds.is_integer(kind) or kinds.is_floating(kind)):
             raise InputError(
-                f"{label}: {one_line(name, 60)} is not a column of numbers; correct it"
+                f"{place}: {one_line(name, 60)} is not a column of numbers; correct it"
             )
-        if not (_is_text(kind) or kinds.is_primitive(kind) or kinds.is_decimal(kind)):
+        inner = kind.value_type if kinds.is_dictionary(kind) else kind
+        if not (_is_text(inner) or kinds.is_primitive(inner) or kinds.is_decimal(inner)):
             raise InputError(
-                f"{label}: {one_line(name, 60)} holds {one_line(kind, 40)}; give one text or number per frame"
+                f"{place}: {one_line(name, 60)} holds {one_line(kind, 40)}; "
+                "give one text or number per frame"
             )
 
 
@@ -273,79 +268,70 @@ class PandasTable(Table):
             ) from e
 
     def read_batches(self, channels: list[str]) -> Iterator[pa.RecordBatch]:
-        """The whole table."""
-        _check_types(self._rows.schema, self.columns, {*channels, "frame"}, self.header_prefix)
+        """Yield the whole table."""
+        numbers = {*channels, "frame"}
+        _check_types(self._rows.schema, self.columns, numbers, self.header_prefix)
         yield from (batch for batch in self._rows.to_batches() if len(batch))
 
     def label_columns(self) -> pd.DataFrame:
-        """All columns."""
-        columns = zip(self.columns, self._rows.columns, strict=True)
-        return pd.DataFrame({name: self._joined(column, name, False) for name, column in columns})
+        """All columns as labels."""
+        return self._as_labels(self._rows)
 
 
 class ParquetTable(Table):
-    """A parquet file, whose sizes and types are looked at before anything is unpacked.
+    """A parquet file, whose sizes and types are checked before anything is unpacked.
 
     An index that pandas stored is none of its columns.
     """
 
     def __init__(self, path: Path) -> None:
-        self.path, self.header_prefix, self.row_prefix = (
-            path,
-            file_name(path),
-            f"{file_name(path)}, row",
-        )
-        with self._readable():
-            with pq.ParquetFile(path) as file:
-                metadata, schema = file.metadata, file.schema_arrow
-            leaves = [metadata.schema.column(i) for i in range(metadata.num_columns)]
-            row = sum(_WIDTHS.get(leaf.physical_type, max(8, leaf.length)) for leaf in leaves)
+        name = file_name(path)
+        self.path, self.header_prefix, self.row_prefix = path, name, f"{name}, row"
+        with self._as_readable(), pq.ParquetFile(path) as file:
+            metadata, schema = file.metadata, file.schema_arrow
             groups = [metadata.row_group(i) for i in range(metadata.num_row_groups)]
-            needed = max(
-                sum(group.num_rows for group in groups) * row,
-                sum(group.total_byte_size for group in groups),
-            )
+            values = sum(group.num_rows for group in groups) * metadata.num_columns
+            packed = sum(group.total_byte_size for group in groups)
             index = (schema.pandas_metadata or {}).get("index_columns", [])  # a range is no column
-        check_unpacked_size(needed, path, "save it as CSV")
+        check_unpacked_size(max(values * BYTES_PER_VALUE, packed), path, "save it as CSV")
         self._schema = pa.schema([field for field in schema if field.name not in index])
         self.columns = [name.strip() for name in self._schema.names]
         check_column_names(self.columns, self.header_prefix)
 
     @contextmanager
-    def _readable(self) -> Iterator[None]:
+    def _as_readable(self) -> Iterator[None]:
+        """Turn any error of a damaged file into an `InputError`."""
         try:
             yield
         except InputError:
             raise
-        except (
-            Exception
-        ) as e:  # pyarrow and the text within a file raise a dozen types for damaged bytes
+        except Exception as e:  # pyarrow and damaged text raise a dozen types
             raise InputError(
                 f"{self.header_prefix}: not a readable parquet file ({one_line(e)}); save it again"
             ) from e
 
-    def read_rows(self, channels: list[str], full_scale: float, blank: str = "") -> Self:
-        """All rows, as of any table."""
-        with self._readable():
-            return super().read_rows(channels, full_scale, blank)
+    def read_rows(self, channels: list[str], full_scale: float, optional: str = "") -> Self:
+        """Read all rows, as `Table.read_rows` does."""
+        with self._as_readable():
+            return super().read_rows(channels, full_scale, optional)
 
     def read_batches(self, channels: list[str]) -> Iterator[pa.RecordBatch]:
-        """Rows as they are unpacked."""
+        """Yield rows as they are unpacked."""
         _check_types(self._schema, self.columns, {*channels, "frame"}, self.header_prefix)
         text = [field.name for field in self._schema if _is_text(field.type)]
+        rows = max(1, AT_ONCE // len(self.columns))
         with pq.ParquetFile(
             self.path, read_dictionary=text, page_checksum_verification=True
         ) as file:
-            rows = file.iter_batches(
-                max(1, AT_ONCE // len(self.columns)), columns=self._schema.names
-            )
-            yield from (batch for batch in rows if len(batch))
+            batches = file.iter_batches(rows, columns=self._schema.names)
+            yield from (batch for batch in batches if len(batch))
 
 
 class CsvTable(Table):
-    """A CSV file: text in UTF-8, a header, as many cells in every line, and blank lines only at the end.
+    """A CSV file in UTF-8 with a header, the same number of cells per line, and no blank lines.
 
-    Cells are separated by the one of `SEPARATORS` that the header has most often.
+    Cells are separated by the one of `SEPARATORS` that is most frequent in the header. Blank lines
+    at the end are ignored.
 
     Args:
         source: path or content.
@@ -363,25 +349,19 @@ class CsvTable(Table):
         counts: Collection[str] = ("frame",),
         whole: bool = False,
     ) -> None:
-        self.label, self.header_prefix, self.row_prefix = (
-            label,
-            f"{label}, line 1",
-            f"{label}, line",
-        )
-        self.counts, self.kinds = (
-            counts,
-            (pa.int64(), pa.uint16()) if whole else (pa.float64(), pa.float64()),
-        )
-        content = _content(source, label)
-        line, _, _ = bytes(content[:MOST_LINE]).partition(b"\n")
-        self._rows = content[len(line) + 1 :]
-        self.separator = max(SEPARATORS, key=lambda sign: line.count(sign.encode()))
+        self.header_prefix, self.row_prefix = f"{label}, line 1", f"{label}, line"
+        self.counts, self.whole = counts, whole
+        content = _load_content(source, label)
+        header, _, _ = bytes(content[:MOST_HEADER]).partition(b"\n")
+        self._rows = content[len(header) + 1 :]
+        self.separator = max(SEPARATORS, key=lambda sign: header.count(sign.encode()))
         try:
-            text = line.decode("utf-8-sig").rstrip("\r")
+            text = header.decode("utf-8-sig").rstrip("\r")
             cells = next(csv.reader([text], delimiter=self.separator, skipinitialspace=True), [])
         except (UnicodeDecodeError, csv.Error) as e:
             raise InputError(
-                f"{self.header_prefix}: not the header of a CSV file in UTF-8 ({one_line(e)}); give the CSV file itself"
+                f"{self.header_prefix}: not the header of a CSV file in UTF-8 ({one_line(e)}); "
+                "give the CSV file itself"
             ) from e
         self.columns = [name.strip().strip('"').strip() for name in cells]
         if not any(self.columns):
@@ -389,74 +369,55 @@ class CsvTable(Table):
         check_column_names(self.columns, self.header_prefix)
 
     def read_batches(self, channels: list[str]) -> Iterator[pa.RecordBatch]:
-        """Rows of a block of lines at a time."""
-        sensors, (count, value) = {*channels}, self.kinds
-        types = {
-            n: value if n in sensors else count if n in self.counts else _WORDS
-            for n in self.columns
-        }
-        line = self.first
+        """Yield the rows of one block of lines after another."""
         if not self._rows:
             return
+        count, value = (pa.int64(), pa.uint16()) if self.whole else (pa.float64(), pa.float64())
+        types = dict.fromkeys(self.columns, TEXT) | dict.fromkeys(self.counts, count)
+        types |= dict.fromkeys(channels, value)
+        read = pacsv.ReadOptions(column_names=self.columns, block_size=BLOCK, use_threads=False)
+        parse = pacsv.ParseOptions(delimiter=self.separator, ignore_empty_lines=False)
+        convert = pacsv.ConvertOptions(column_types=types, null_values=[])
+        line = self.first
         try:
-            for batch in pacsv.open_csv(
-                pa.BufferReader(self._rows),
-                read_options=pacsv.ReadOptions(
-                    column_names=self.columns, block_size=BLOCK, use_threads=False
-                ),
-                parse_options=pacsv.ParseOptions(
-                    delimiter=self.separator, ignore_empty_lines=False
-                ),
-                convert_options=pacsv.ConvertOptions(column_types=types, null_values=[]),
-            ):
+            for batch in pacsv.open_csv(pa.BufferReader(self._rows), read, parse, convert):
                 yield batch
                 line += len(batch)
         except pa.ArrowInvalid as e:
-            self._explain(str(e), line)
+            self._refuse_line(str(e), line)
 
-    def _explain(self, error: str, line: int) -> NoReturn:
-        """Say what is wrong, from the message of Arrow, which has read until a line."""
-        line = (
-            int(match[1]) + self.first - 1 if (match := re.search(r"Row #(\d+): ", error)) else line
-        )
+    def _refuse_line(self, error: str, line: int) -> NoReturn:
+        """Turn Arrow's error into one with a line number; all lines before ``line`` were read."""
+        if match := re.search(r"Row #(\d+): ", error):
+            line = int(match[1]) + self.first - 1
+        conversion = r"column #(\d+): .*error to (\w+): (?:invalid value '(.*)')?"
         if match := re.search(r"Expected (\d+) columns, got (\d+)", error):
             reason = (
-                f"{match[2]} fields instead of {match[1]}; the file is cut off or damaged here, get it again or "
-                "delete the line"
+                f"{match[2]} fields instead of {match[1]}; "
+                "the file is cut off or damaged here, get it again or delete the line"
             )
-        elif match := re.search(
-            r"column #(\d+): .*error to (\w+): (?:invalid value '(.*)')?", error, re.DOTALL
-        ):
-            wrong = (
-                f"is {quote_text(match[3])}, not {_KINDS[match[2]]}"
-                if match[3] is not None
-                else "is not text in UTF-8"
-            )
-            reason = f"{shorten(self.columns[int(match[1])])} {wrong}; correct the cell"
+        elif match := re.search(conversion, error, re.DOTALL):
+            column, kind, value = match.groups()
+            wanted = NUMBER_WORDS.get(kind, "text in UTF-8")
+            shown = quote_text(value) if value is not None else "bytes"
+            reason = f"{shorten(self.columns[int(column)])} is {shown}, not {wanted}; correct it"
         else:
             reason = "cannot be read as CSV; check quotes and line ends"
         raise InputError(f"{self.row_prefix} {line}: {reason}")
 
 
-def _content(source: Path | bytes, label: str) -> memoryview:
-    """A file, mapped, without blanks at its end."""
+def _load_content(source: Path | bytes, label: str) -> memoryview:
+    """Content of a file, mapped, without blanks at its end."""
     content: bytes | mmap.mmap = source if isinstance(source, bytes) else b""
-    if not isinstance(source, bytes):
+    if isinstance(source, Path):
         check_file(source)
-        try:
+        if source.stat().st_size:
             with open(source, "rb") as file:
-                if source.stat().st_size:
-                    content = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
-        except OSError as e:
-            raise InputError(f"{label}: cannot be read ({e.strerror}); check the path") from e
+                content = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
     end = len(content)
-    while end:
-        begin = max(0, end - BLOCK)
-        kept = len(content[begin:end].rstrip(b" \t\r\n"))
-        end = begin + kept
-        if kept:
-            break
-    if content[content.rfind(b"\n", 0, end) + 1 : end].count(b'"') % 2:  # which Arrow would close
+    while end and content[end - 1 : end].isspace():
+        end -= 1
+    if content[content.rfind(b"\n", 0, end) + 1 : end].count(b'"') % 2:  # Arrow would close it
         raise InputError(
             f"{label}: a quote is open in the last line; close it, or get the file again"
         )
