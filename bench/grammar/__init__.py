@@ -1,1 +1,1 @@
-"""The command line: commands, their keys, and help."""
+"""The command line: what commands and keys are, how arguments are read, and help."""

@@ -1,7 +1,7 @@
-"""The grammar of the command line: commands, the keys that several share, and words ``key=value`` read by them.
+"""The grammar of commands: what a command is, shared keys, and how ``key=value`` is read.
 
-Each command stands in a file of `bench.commands`. Parsing, ``--help`` and the Python API read these values. Nothing
-heavy is imported, so that help comes at once.
+`bench.commands.declarations` has the commands. Parsing, ``--help`` and the Python API read them.
+Nothing heavy is imported, so that help comes at once.
 """
 
 from __future__ import annotations
@@ -23,25 +23,24 @@ START, COMPARE, SHIP, MORE = "start here", "compare", "ship", "more"  # groups o
 
 @dataclass(frozen=True)
 class Command:
-    """A command."""
+    """A command: its help and its keys."""
 
     group: str  # heading in the overview
     summary: str  # line in the overview
     text: str  # a paragraph
     examples: str = ""  # lines that can be typed
-    usage: str = "[key=value ...]"  # arguments behind its name; a line for each form
-    takes_words: bool = False  # words may stand before its keys: its function parses all arguments
+    usage: str = "[key=value ...]"  # arguments after its name; a line for each form
+    takes_words: bool = False  # words may precede its keys: its function parses all arguments
     options: tuple[Option, ...] = ()  # its keys; packages and circumstances add others
-    budgets: str = ""  # budgets that are keys, too: ``all``, or only budgets of ``captures``
-    module: str = (
-        ""  # module of a package's command, with a function of its name that takes the arguments
-    )
-    # lines to type next after other commands, with ``{}`` for the saved model, of a package's command
+    budgets: str = ""  # budgets that are keys too: ``all``, or only those of ``captures``
+    # of a package's command: module with a function of its name, which takes the arguments
+    module: str = ""
+    # of a package's command: lines to type after other commands; ``{}`` is the saved model
     follows: Mapping[str, str] = field(default_factory=dict)
-    unfit: str = (
-        ""  # function of ``module`` that says why a saved system cannot be used; empty if it can
-    )
-    makes: str = ""  # key of the circumstance or study that a command which makes runs shows; ``run`` for captures
+    # function of ``module`` that says why a saved system cannot be used, or "" if it can
+    unfit: str = ""
+    # if it makes runs: ``run`` for those on captures, or the key of a kind of run
+    makes: str = ""
 
 
 def _run_option(key: str, help: str) -> Option:
@@ -51,6 +50,7 @@ def _run_option(key: str, help: str) -> Option:
 DATA = _run_option("data", "synth (generated captures) or an imported corpus, several joined by +")
 WHERE = _run_option("where", "captures to use, such as where=\"variant == 'rough'\"")
 TARGET = _run_option("target", "columns that define the class, such as gesture+variant")
+PROTOCOL = _run_option("protocol", "{protocols}")
 MODEL = _run_option("model", "{models}; names with a year are published systems")
 FEATURES = _run_option("features", "{features}; not used by all models")
 SEED = Option(
@@ -66,24 +66,10 @@ BATCH = Option(
 DRY = Option(
     "dry", "yes", False, "yes: only say which runs are stored and how long the others take"
 )
-FIT_OPTIONS = (
-    DATA,
-    WHERE,
-    TARGET,
-    MODEL,
-    FEATURES,
-    SEED,
-)  # keys of what is trained on all captures
-CELL_OPTIONS = (
-    DATA,
-    WHERE,
-    TARGET,
-    _run_option("protocol", "{protocols}"),
-    MODEL,
-    FEATURES,
-)  # keys of what is run
+FIT_OPTIONS = (DATA, WHERE, TARGET, MODEL, FEATURES, SEED)  # of training on all captures
+CELL_OPTIONS = (DATA, WHERE, TARGET, PROTOCOL, MODEL, FEATURES)  # of a run
 RUN_OPTIONS = (*CELL_OPTIONS, SEED, JOBS)
-STORED_OPTIONS = (  # which stored runs are read
+STORED_OPTIONS = (  # that select stored runs
     *CELL_OPTIONS,
     Option(
         "run",
@@ -93,100 +79,96 @@ STORED_OPTIONS = (  # which stored runs are read
     ),
     Option("latest", "yes", False, "yes: only the newest parameters of each model and feature set"),
 )
-RUN_KEYS = {option.key: option for option in RUN_OPTIONS}  # of the cells of bench run
+RUN_KEYS = {option.key: option for option in RUN_OPTIONS}
 TRUST_NOTE = "Loading a model runs its code: use only models that you or someone you trust saved."
 
 
 def load_commands() -> dict[str, Command]:
     """All commands by name, in the order of the overview; those of packages last."""
-    return {name: one for name, one in load_parts("commands").items() if " " not in name}
-
-
-def next_of_packages(name: str, model: str, recogniser: Any) -> tuple[list[str], list[str]]:
-    """What packages offer to type after a command that has saved or used a model, and why they offer nothing."""
-    lines: list[str] = []
-    reasons: list[str] = []
-    for one in load_commands().values():
-        if name in one.follows:
-            why = import_object(f"{one.module}:{one.unfit}")(recogniser) if one.unfit else ""
-            if why:
-                reasons.append(why)
-            else:
-                lines.append(one.follows[name].format(model))
-    return lines, reasons
+    return {name: part for name, part in load_parts("commands").items() if " " not in name}
 
 
 def run_commands() -> dict[str, Command]:
     """The commands that make runs, by name."""
-    return {name: one for name, one in load_commands().items() if one.makes}
+    return {name: command for name, command in load_commands().items() if command.makes}
 
 
-def options_of_packages(command: str, among: Collection[str] | None = None) -> dict[str, Option]:
-    """The keys that packages add to a command, or to ``makers`` of runs: entry points such as ``makers cluster``."""
-    return {
-        key: load_part("commands", f"{command} {key}")
-        for key in _keys_of_packages(command)
-        if among is None or key in among
-    }
+def next_of_packages(name: str, model: str, recogniser: Any) -> tuple[list[str], list[str]]:
+    """Commands of packages to type after a command that saved or used a model.
+
+    Returns:
+        The commands, and the reasons why others cannot use the model.
+    """
+    lines: list[str] = []
+    reasons: list[str] = []
+    for command in load_commands().values():
+        if name in command.follows:
+            path = f"{command.module}:{command.unfit}"
+            reason = import_object(path)(recogniser) if command.unfit else ""
+            if reason:
+                reasons.append(reason)
+            else:
+                lines.append(command.follows[name].format(model))
+    return lines, reasons
+
+
+def options_of_packages(command: str, keys: Collection[str] | None = None) -> dict[str, Option]:
+    """Options that packages add to a command, or only those among ``keys``.
+
+    An entry point ``makers cluster`` adds ``cluster`` to all commands that make runs.
+    """
+    added = [key for key in _keys_of_packages(command) if keys is None or key in keys]
+    return {key: load_part("commands", f"{command} {key}") for key in added}
 
 
 def _keys_of_packages(command: str) -> list[str]:
-    return [
-        name.partition(" ")[2]
-        for name in registered_parts("commands")
-        if name.startswith(f"{command} ")
-    ]
+    prefix = f"{command} "
+    names = registered_parts("commands")
+    return [name.removeprefix(prefix) for name in names if name.startswith(prefix)]
 
 
 def workers_of_packages(command: str) -> dict[str, Any]:
-    """What does the work of the keys that packages add to a command, by key."""
-    return {
-        name: import_object(one.uses)
-        for name, one in options_of_packages(command).items()
-        if one.uses
-    }
+    """The classes that implement the options of packages, by key."""
+    options = options_of_packages(command)
+    return {key: import_object(option.uses) for key, option in options.items() if option.uses}
 
 
 def command_options(name: str, typed: Iterable[str] | None = None) -> dict[str, Option]:
-    """The keys of a command, of all its actions; circumstances are loaded only if a typed word has another key."""
+    """All options of a command by key.
+
+    If typed words are given and their keys are known without circumstances, these are not loaded.
+    """
     command = load_part("commands", name)
-    every = {
-        option.key: option
-        for option in (*((*RUN_OPTIONS, DRY) if command.makes else ()), *command.options)
-    }
+    own = (*RUN_OPTIONS, DRY, *command.options) if command.makes else command.options
+    options = {option.key: option for option in own}
     heads = None if typed is None else {*map(_key_head, typed)}
-    packages = options_of_packages(name, heads) | (
-        options_of_packages("makers", heads) if command.makes else {}
-    )
-    if command.makes and (heads is None or not heads <= {*every, *packages}):
-        for one in load_parts("circumstances").values():
-            if one.key == command.makes if one.is_run_kind else command.makes == "run":
-                every |= one.options_by_key()
-        packages = options_of_packages(name) | options_of_packages("makers")
-    every |= packages
-    if "by" in every:
-        every["by"] = replace(every["by"], values=tuple(all_costs()))
+    added = options_of_packages(name, heads)
+    if command.makes:
+        added |= options_of_packages("makers", heads)
+        if heads is None or not heads <= {*options, *added}:
+            for part in load_parts("circumstances").values():
+                if command.makes == (part.key if part.is_run_kind else "run"):
+                    options |= part.options_by_key()
+            added = options_of_packages(name) | options_of_packages("makers")
+    options |= added
+    if "by" in options:
+        options["by"] = replace(options["by"], values=tuple(all_costs()))
     for key, cost in costs_by_budget().items() if command.budgets else ():
         if command.budgets == "all" or "captures" in cost.measured_on:
-            every[key] = Option(key, "amount", None, cost.help)
-    return every
+            options[key] = Option(key, "amount", None, cost.help)
+    return options
 
 
 def key_options(name: str, typed: Iterable[str] | None = None) -> dict[str, Option]:
-    """The same without parameters of parts, which have a dot."""
+    """Options of a command except parameters of parts, whose keys have a dot."""
     return {key: option for key, option in command_options(name, typed).items() if "." not in key}
 
 
 def part_groups() -> dict[str, str]:
-    """The rooms of parts, by the key that names them."""
-    keys_of_packages = (
-        load_part("commands", name) for name in registered_parts("commands") if " " in name
-    )
-    return {
-        option.key: option.part_group
-        for option in (*CELL_OPTIONS, *keys_of_packages)
-        if option.part_group
-    }
+    """Groups of parts by the keys that name them, with those of packages."""
+    names = [name for name in registered_parts("commands") if " " in name]
+    options = (*CELL_OPTIONS, *(load_part("commands", name) for name in names))
+    return {option.key: option.part_group for option in options if option.part_group}
 
 
 def _key_head(word: str) -> str:
@@ -194,93 +176,91 @@ def _key_head(word: str) -> str:
     return word.partition("=")[0].partition(".")[0]
 
 
-def parse_arguments(arguments: Sequence[str], known: Collection[str] | None) -> dict[str, str]:
-    """Split ``key=value`` arguments."""
+def parse_arguments(arguments: Sequence[str], keys: Collection[str] | None) -> dict[str, str]:
+    """Split ``key=value`` arguments; an `InputError` for a key that is not among ``keys``."""
     values: dict[str, str] = {}
     for argument in arguments:
         key, equals, value = argument.partition("=")
         if not equals or not key or not value:
-            listed = f"keys: {', '.join(sorted(known))}" if known else "leave it out, or see --help"
-            raise InputError(f"{argument!r} is not key=value; {listed}")
+            advice = f"keys: {', '.join(sorted(keys))}" if keys else "leave it out, or see --help"
+            raise InputError(f"{argument!r} is not key=value; {advice}")
         if key in values:
-            raise InputError(
-                f"{key}= is given twice; give it once, several values as {key}={values[key]},{value}"
-            )
-        if known is not None:
-            _check_key(key, known)
+            advice = f"give it once, several values as {key}={values[key]},{value}"
+            raise InputError(f"{key}= is given twice; {advice}")
+        if keys is not None:
+            _check_key(key, keys)
         values[key] = value
     return values
 
 
 def parse_words(
-    arguments: Sequence[str], known: Collection[str], most: int
+    arguments: Sequence[str], keys: Collection[str], limit: int
 ) -> tuple[list[str], dict[str, str]]:
-    """Split arguments of a command that takes words without a key first, such as names of files."""
-    words = []
-    for argument in arguments[:most]:
-        if "=" in argument and argument.partition("=")[0] in known and not Path(argument).is_file():
+    """Split arguments into at most ``limit`` words, such as names of files, and key=value."""
+    words: list[str] = []
+    for argument in arguments[:limit]:
+        if "=" in argument and argument.partition("=")[0] in keys and not Path(argument).is_file():
             break
         words.append(argument)
-    return words, parse_arguments(arguments[len(words) :], known)
+    return words, parse_arguments(arguments[len(words) :], keys)
 
 
-def values_from_keywords(values: Mapping[str, object], known: Collection[str]) -> dict[str, object]:
-    """Keyword arguments as the command line has them; None is the same as not given."""
+def values_from_keywords(values: Mapping[str, object], keys: Collection[str]) -> dict[str, object]:
+    """Turn keyword arguments into typed values; None is left out.
+
+    Raises:
+        InputError: a key is not among ``keys``.
+    """
     typed = {key.replace("__", "."): value for key, value in values.items() if value is not None}
     for key in typed:
-        _check_key(key, known)
+        _check_key(key, keys)
     return typed
 
 
-def _check_key(key: str, known: Collection[str]) -> None:
-    """Refuse a key that means nothing here."""
+def _check_key(key: str, keys: Collection[str]) -> None:
     head, dot, _ = key.partition(".")
-    if head not in known or (dot and head != "data" and head not in part_groups()):
-        raise InputError(f"no key is called {key!r}; {suggest_names(key, known)}")
+    if head not in keys or (dot and head != "data" and head not in part_groups()):
+        raise InputError(f"no key is called {key!r}; {suggest_names(key, keys)}")
 
 
-def typed_settings(command: str, values: Values, listed: Iterable[Option] = ()) -> dict[str, Any]:
-    """The options of a command, or of its action, in their types; those that it shares with ``bench run`` aside."""
+def typed_settings(command: str, values: Values, options: Iterable[Option] = ()) -> dict[str, Any]:
+    """Values of the options of a command, or of ``options``, in their types, with defaults.
+
+    Options that it shares with ``bench run`` are left out.
+    """
     shared = (*RUN_OPTIONS, *options_of_packages("makers").values())
-
-    def typed(one: Option) -> Any:
-        if (given := values.get(one.key)) is None:
-            return one.default
-        return (
-            costs_by_budget()[one.key].parse_budget(given)
-            if one.type == "amount"
-            else parse_option(one, given)
-        )
-
-    return {
-        one.key: typed(one)
-        for one in listed or command_options(command).values()
-        if one not in shared
-    }
+    settings = {}
+    for option in options or command_options(command).values():
+        if option in shared:
+            continue
+        value = values.get(option.key)
+        if value is None:
+            settings[option.key] = option.default
+        elif option.type == "amount":
+            settings[option.key] = costs_by_budget()[option.key].parse_budget(value)
+        else:
+            settings[option.key] = parse_option(option, value)
+    return settings
 
 
-def cost_limits(given: Mapping[str, Any]) -> dict[str, float]:
-    """The budget of each cost, of the settings of a command."""
-    return {
-        cost.key: given[key]
-        for key, cost in costs_by_budget().items()
-        if given.get(key) is not None
-    }
+def cost_limits(settings: Mapping[str, Any]) -> dict[str, float]:
+    """The budget of each cost that settings limit."""
+    limits = {cost.key: settings.get(key) for key, cost in costs_by_budget().items()}
+    return {key: limit for key, limit in limits.items() if limit is not None}
 
 
 def make_executor(values: Values) -> Any:
-    """Make the executor of folds, a `bench.running.workers.FoldExecutor`, that the keys ask for."""
-    for key, one in options_of_packages("makers", values).items():
+    """Make the executor of folds that the keys request, a `bench.running.workers.FoldExecutor`."""
+    for key, option in options_of_packages("makers", values).items():
         if address := str(values.get(key, "")):
             if "jobs" in values:
-                raise InputError(
-                    f"jobs={values['jobs']}: {key}= sets the number of workers; leave jobs= out"
-                )
-            return import_object(one.uses)(address)
+                advice = f"{key}= sets the number of workers; leave jobs= out"
+                raise InputError(f"jobs={values['jobs']}: {advice}")
+            return import_object(option.uses)(address)
     jobs = parse_value("jobs", values["jobs"], 0) if "jobs" in values else None
     return import_object(LOCAL_EXECUTOR)(jobs)
 
 
 def executor_keys() -> set[str]:
-    """Keys that say where folds are done, which changes no result."""
+    """Keys that select the workers and so change no result."""
     return {"jobs", *_keys_of_packages("makers")}
