@@ -132,7 +132,7 @@ class Faults(View):
 
         exhibits = []
         for i, (words, runs) in enumerate(comparable_groups(results, more="loss."), 1):
-            main = view_exhibit(self, words, runs, folder, i)
+            main = replace(view_exhibit(self, words, runs, folder, i), sentences=[])
             exhibits.append(main)
             values, context = runs[0].values_to_agree, ", ".join(runs[0].context)
             seeds = [r for r in results if r.is_complete and r.values_to_agree == values]

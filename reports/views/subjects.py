@@ -27,10 +27,11 @@ class Subjects(View):
         """Accuracy with each number of subjects."""
         begin = f"accuracy.{self.key}."
         numbers = {k.removeprefix(begin) for r in results for k in r.metrics if k.startswith(begin)}
-        return [
-            percent_measure(f"at_{n}", f"{n} {self.noun}", begin + n, spare=1)
-            for n in sorted(numbers, key=float)
-        ]
+        columns = []
+        for number in sorted(numbers, key=float):
+            heading = f"{number} subject{'s' * (number != '1')}"
+            columns.append(percent_measure(f"at_{number}", heading, begin + number, spare=1))
+        return columns
 
     def page_captions(self) -> tuple[str, str]:
         """Captions of the figure and of the table on the page."""
