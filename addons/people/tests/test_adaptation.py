@@ -1,4 +1,4 @@
-"""What classifiers and networks do with captures of one person: against means, spreads and optima by hand."""
+"""Adaptation to one person, against means, spreads and optima by hand."""
 
 import numpy as np
 import pandas as pd
@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.optimize import approx_fprime
 
 from bench.errors import InputError
-from bench.features.base import labels
+from bench.features.base import capture_copy_index
 from bench.features.jung28 import Jung28
 from bench.models.adapters import FromTorch
 from bench.models.classic.lda import Discriminants
@@ -19,8 +19,15 @@ from bench.models.nets.hughes2017 import Hughes2017CNN
 from bench.models.reflex import Reflex
 from tests.conftest import random_corpus
 from tests.running.fakes import Level
-from touchbench_people import adaptation
-from touchbench_people.adaptation import PRIOR, WEIGHT, adapted, adapts, discriminants, relearnt
+from touchbench_people import last_layer
+from touchbench_people.adaptation import (
+    PRIOR_CAPTURES,
+    SHOT_WEIGHT,
+    adapt_discriminants,
+    adapt_system,
+    can_adapt,
+    relearn_layer,
+)
 from touchbench_people.scaler import SPREAD_PRIOR, PersonScaler, adaptable
 
 
@@ -41,7 +48,9 @@ def test_the_mean_of_a_person_by_hand(count, labelled):
     centres = {c: X.to_numpy()[y == c].mean(axis=0) for c in "ab"}
     usual = [centres[c] for c in known] if labelled else X.to_numpy().mean(axis=0)
     both = labelled and count % 2 == 0  # both classes alike: all of it counts
-    expected = np.mean(Z.to_numpy() - usual, axis=0) * (1 if both else count / (count + PRIOR))
+    expected = np.mean(Z.to_numpy() - usual, axis=0) * (
+        1 if both else count / (count + PRIOR_CAPTURES)
+    )
     np.testing.assert_allclose(mine.transform(Z), Z.to_numpy() - expected, atol=1e-9)
     assert own.transform(Z) is Z  # it stays as it is
 
@@ -50,15 +59,12 @@ def test_the_spread_of_a_person_by_hand():
     (X, y), (Z, known) = rows(40), rows(10, seed=1)
     Z = 2 * Z
     centres = X.groupby(y).mean()
-    within = lambda A, labels: (A.to_numpy() - centres.loc[labels].to_numpy()).std(axis=0)  # noqa: E731
-    for given_labels, ratio in (
-        (known, within(Z, known) / within(X, y)),
-        (None, Z.std(ddof=0) / X.std(ddof=0)),
-    ):
+    sd_within = lambda A, labels: (A - centres.loc[labels].to_numpy()).std(ddof=0)  # noqa: E731
+    ratios = [(known, sd_within(Z, known) / sd_within(X, y)), (None, Z.std(ddof=0) / X.std(ddof=0))]
+    for labels, ratio in ratios:
         expected = X.mean() + (Z - X.mean()) / ratio ** (10 / (10 + SPREAD_PRIOR))
-        np.testing.assert_allclose(
-            PersonScaler(("scale",)).fit(X, y).adapt(Z, given_labels).transform(Z), expected
-        )
+        scaler = PersonScaler(("scale",)).fit(X, y).adapt(Z, labels)
+        np.testing.assert_allclose(scaler.transform(Z), expected)
 
 
 def test_pooled_captures_count_ten_times():
@@ -68,17 +74,14 @@ def test_pooled_captures_count_ten_times():
     model = adaptable(Jung28(), "svm", ("pool",)).fit(corpus[train], corpus.gestures[train])
     before = model.predict_proba(corpus[tested])
     plain = svm(Jung28()).fit(corpus[train], corpus.gestures[train])
-    assert np.array_equal(
-        before, plain.predict_proba(corpus[tested])
-    )  # nothing changes before a person is met
-    found = adapted(model, corpus[known], corpus.gestures[known])
-    by_hand = np.concatenate([train, *[known] * WEIGHT])
-    expected = (
-        svm(Jung28()).fit(corpus[by_hand], corpus.gestures[by_hand]).predict_proba(corpus[tested])
-    )
+    assert np.array_equal(before, plain.predict_proba(corpus[tested]))  # not adapted yet
+    found = adapt_system(model, corpus[known], corpus.gestures[known])
+    by_hand = np.concatenate([train, *[known] * SHOT_WEIGHT])
+    refitted = svm(Jung28()).fit(corpus[by_hand], corpus.gestures[by_hand])
+    expected = refitted.predict_proba(corpus[tested])
     np.testing.assert_allclose(found.predict_proba(corpus[tested]), expected)
     assert np.array_equal(model.predict_proba(corpus[tested]), before)
-    without = adapted(model, corpus[known], None)
+    without = adapt_system(model, corpus[known], None)
     assert np.array_equal(without.predict_proba(corpus[tested]), before)
     assert [name for name, _ in without.steps] == ["features", "person", "scaler", "classifier"]
 
@@ -99,11 +102,11 @@ def test_the_last_layer_is_at_an_optimum_and_a_stiff_one_stays(monkeypatch):
         size = np.mean([np.sum(row**2) + 1 for row in inputs])
         return total + 0.3 / 2 * size * np.sum((new - old) ** 2)
 
-    found = relearnt(old, inputs, codes, captures)
+    found = relearn_layer(old, inputs, codes, captures)
     assert loss(found.ravel()) < loss(old.ravel())
     np.testing.assert_allclose(approx_fprime(found.ravel(), loss, 1e-6), 0, atol=1e-3)
-    monkeypatch.setattr(adaptation, "STIFF", 1e9)
-    np.testing.assert_allclose(relearnt(old, inputs, codes, captures), old, atol=1e-6)
+    monkeypatch.setattr(last_layer, "STIFFNESS", 1e9)
+    np.testing.assert_allclose(relearn_layer(old, inputs, codes, captures), old, atol=1e-6)
 
 
 def test_a_network_learns_a_person_in_its_last_layer():
@@ -112,34 +115,34 @@ def test_a_network_learns_a_person_in_its_last_layer():
     model = CNN85(frames=10, epochs=1, batch=16).fit(corpus[train], corpus.gestures[train])
     before = model.predict_proba(corpus[tested])
     weights = [p.clone() for p in model.net_.parameters()]
-    same, mine = (adapted(model, corpus[tested], y) for y in (None, corpus.gestures[tested]))
-    assert adapts(model) and np.array_equal(same.predict_proba(corpus[tested]), before)
+    same, mine = (adapt_system(model, corpus[tested], y) for y in (None, corpus.gestures[tested]))
+    assert can_adapt(model) and np.array_equal(same.predict_proba(corpus[tested]), before)
     right = np.arange(len(tested)), np.searchsorted(model.classes_, corpus.gestures[tested])
     assert np.log(mine.predict_proba(corpus[tested])[right]).mean() > np.log(before[right]).mean()
     changed = [not torch.equal(a, b) for a, b in zip(mine.net_.parameters(), weights, strict=True)]
     assert changed[-2:] == [True, True] and not any(changed[:-2])
     assert all(torch.equal(a, b) for a, b in zip(model.net_.parameters(), weights, strict=True))
-    with pytest.raises(InputError, match="'nod' is none of the classes"):
-        adapted(model, corpus[:1], np.array(["nod"]))
+    with pytest.raises(InputError, match="'nod' is not a class"):
+        adapt_system(model, corpus[:1], np.array(["nod"]))
 
 
-@pytest.mark.parametrize(("windows", "labelled"), [(2.0, True), (2.0, False)])
-def test_adapting_is_learning_again_with_what_is_known_of_a_person(windows, labelled):
-    """Against every row of training and of the person together, in the units of training, with naive loops."""
-    rng = np.random.default_rng(0)
-    X = pd.DataFrame(
-        rng.normal(size=(120, 6)),
-        index=labels(np.repeat(np.arange(40), 3), np.zeros(120, dtype=int)),
-    )
+def capture_rows(values, captures):
+    """Rows of captures, equally many of each."""
+    capture = np.repeat(np.arange(captures), len(values) // captures)
+    return pd.DataFrame(values, index=capture_copy_index(capture, np.zeros(len(values), dtype=int)))
+
+
+@pytest.mark.parametrize("labelled", [True, False])
+def test_adapting_is_learning_again_from_rows_of_training_and_of_the_person(labelled):
+    """Against naive loops over all rows together, in the units of training."""
+    rng, windows = np.random.default_rng(0), 2.0
+    X = capture_rows(rng.normal(size=(120, 6)), 40)
     y = rng.integers(0, 3, 40).astype(str).repeat(3)
-    P = pd.DataFrame(
-        rng.normal(0.7, 1, (20, 6)),
-        index=labels(np.repeat(np.arange(10), 2), np.zeros(20, dtype=int)),
-    )
+    P = capture_rows(rng.normal(0.7, 1, (20, 6)), 10)
     yp = np.array(list("0001001001")).repeat(2)  # and none of the third class
     general = Discriminants(0.2, windows).fit(X, y)
     before = general.decision_function(P)
-    own = discriminants(general, P, yp if labelled else None, weight=4.0)
+    own = adapt_discriminants(general, P, yp if labelled else None, weight=4.0)
     mean, sd = X.to_numpy().mean(axis=0), X.to_numpy().std(axis=0)
     person = (P.to_numpy() - mean) / sd
     rows = (X.to_numpy() - mean) / sd
@@ -151,9 +154,8 @@ def test_adapting_is_learning_again_with_what_is_known_of_a_person(windows, labe
         rows, names = np.vstack([rows, person - shift]), np.concatenate([y, yp])
         weight = np.concatenate([weight, np.full(20, 4.0)])
         capture = np.concatenate([capture, 100 + np.repeat(np.arange(10), 2)])
-    centres = np.array(
-        [np.average(rows[names == c], axis=0, weights=weight[names == c]) for c in "012"]
-    )
+    members = [names == c for c in "012"]
+    centres = np.array([np.average(rows[m], axis=0, weights=weight[m]) for m in members])
     scatter = np.zeros((6, 6))
     for row, name, w in zip(rows, names, weight, strict=True):
         d = row - centres[int(name)]
@@ -184,24 +186,16 @@ def test_what_adapts_in_place_carries_nothing_into_other_tests():
     train, test = (corpus[np.flatnonzero(corpus.subjects == name)] for name in "12")
     system = InPlace().fit(train, train.gestures)
     before = system.predict(test).tolist()
-    assert (
-        adapted(system, test, test.gestures).predict(test).tolist()
-        != before
-        == system.predict(test).tolist()
-    )
+    adapted = adapt_system(system, test, test.gestures)
+    assert adapted.predict(test).tolist() != before == system.predict(test).tolist()
 
 
 def test_weights_in_few_bits_and_modules_of_others_do_not_adapt():
-    assert adapts(Reflex()) and adapts(adaptable(Jung28())) and adapts(Hughes2017CNN())
-    own = FromTorch(module=lambda *_: None)
-    assert not any(
-        map(adapts, (Reflex(bits=8), svm(Jung28()), Hughes2017CNN(bits=8), own, Level()))
-    )
-    for wrong in (
-        {"ways": ("mean",)},
-        {"ways": ("pool", "pool")},
-        {"classifier": "lda"},
-        {"classifier": "cnn85"},
-    ):
+    assert can_adapt(Reflex()) and can_adapt(adaptable(Jung28())) and can_adapt(Hughes2017CNN())
+    module = FromTorch(module=lambda *_: None)
+    others = [Reflex(bits=8), Hughes2017CNN(bits=8), svm(Jung28()), module, Level()]
+    assert not any(map(can_adapt, others))
+    wrong_ways = [{"ways": ("mean",)}, {"ways": ("pool", "pool")}]
+    for wrong in (*wrong_ways, {"classifier": "lda"}, {"classifier": "cnn85"}):
         with pytest.raises(InputError, match="model.(ways|classifier)="):
             adaptable(Jung28(), **wrong)

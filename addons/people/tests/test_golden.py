@@ -1,4 +1,4 @@
-"""What runs of a new person print, and the page of their report, as golden files (``--golden`` writes them)."""
+"""Printed output of runs of a new person, as golden files (``--golden`` writes them)."""
 
 from tests.net.build import PEOPLE, RUNS, build
 from tests.reports.conftest import quick  # noqa: F401

@@ -1,19 +1,22 @@
 """A new person: calibration captures are never tested, and nothing else of the person is used."""
 
+from collections import Counter
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.errors import HiddenError, InputError
-from bench.plan.cells import make_cells
+from bench.errors import InputError
+from bench.plan.grid import make_cells
 from bench.plan.plan import Fold, make_folds, make_plans
 from bench.running.circumstances.faults import Faults
-from bench.running.evaluation import folded, systems
-from bench.running.fold import decisions
-from bench.running.loop import warnings
+from bench.running.evaluation import fitted_systems
+from bench.running.fold import predictions_table
+from bench.running.loop import warnings_of_plan
 from tests.conftest import random_corpus, with_other_values
 from tests.corpora.made import copied
 from tests.running.fakes import Level
@@ -23,7 +26,7 @@ from touchbench_people.personal import Personal
 @given(
     st.integers(2, 4), st.integers(1, 7), st.integers(0, 4), st.integers(1, 3), st.integers(0, 5)
 )
-def test_every_capture_is_tested_once_per_draw_and_never_known_then(
+def test_each_draw_tests_every_capture_once_and_never_with_itself(
     subjects, per_class, shots, draws, seed
 ):
     corpus = random_corpus(subjects, per_class, longest=3)
@@ -38,27 +41,20 @@ def test_every_capture_is_tested_once_per_draw_and_never_known_then(
             assert sorted(np.concatenate([tested for _, tested in pairs])) == test.tolist()
             for calibration, tested in pairs:
                 assert not set(calibration) & set(tested) and set(calibration) <= set(test)
-                for name in set(corpus.gestures):
-                    of_class = corpus.gestures[calibration] == name
-                    half = (corpus.gestures[test] == name).sum() - (
-                        corpus.gestures[tested] == name
-                    ).sum()
-                    assert of_class.sum() == min(shots, half)
+                half = Counter(corpus.gestures[np.setdiff1d(test, tested)])
+                drawn_shots = Counter(corpus.gestures[calibration])
+                assert drawn_shots == Counter({n: min(shots, c) for n, c in half.items()})
 
 
 @given(st.integers(1, 4), st.integers(0, 20))
 def test_calibrations_are_nested_and_the_tested_half_stays(shots, seed):
     corpus = random_corpus(3, 9, longest=3)
     kinds = [{"shots": shots}, {"shots": shots + 1}, {"unlabelled": True}]
-    few, more, without = (
-        [
-            pair
-            for fold in Personal(draws=3, seed=seed, **kind).calibrations(corpus)
-            for draw in fold
-            for pair in draw
-        ]
-        for kind in kinds
-    )
+    pairs = []
+    for kind in kinds:
+        folds = Personal(draws=3, seed=seed, **kind).calibrations(corpus)
+        pairs.append([*chain.from_iterable(chain.from_iterable(folds))])
+    few, more, without = pairs
     for (calibration, tested), (larger, tested_too) in zip(few, more, strict=True):
         assert set(calibration) < set(larger) and np.array_equal(tested, tested_too)
     assert {tuple(tested) for _, tested in few} == {tuple(tested) for _, tested in without}
@@ -72,35 +68,19 @@ SYSTEMS = {
 }
 
 
-def cell_of(system, labelled):
-    how = (
-        {"protocol.shots": "2", "protocol.weight": "3"}
-        if labelled
-        else {"protocol.unlabelled": "true"}
-    )
-    return make_cells(
-        {"data": "synth", "protocol": "personal", **how, "protocol.draws": "1"} | SYSTEMS[system]
-    )[0]
-
-
-@pytest.mark.parametrize("system, labelled", [("adapts", True), ("is fitted again", False)])
-def test_a_person_with_one_capture_is_tested_by_the_general_system(system, labelled):
-    corpus = random_corpus(4, 4, longest=60)
-    corpus = corpus[
-        np.setdiff1d(np.arange(len(corpus)), np.flatnonzero(corpus.subjects == "1")[1:])
-    ]
-    cell = cell_of(system, labelled)
-    fold = make_folds(cell, corpus)[0]
-    (one,) = systems(cell, corpus, fold)
-    assert one.tested.tolist() == fold.test.tolist() == [0]
-    assert np.isfinite(one.estimator.predict_proba(corpus[fold.test])).all()
+def personal_cell(**values):
+    (cell,) = make_cells({"data": "synth", "protocol": "personal", "protocol.draws": "1"} | values)
+    return cell
 
 
 @pytest.mark.parametrize("system", SYSTEMS)
 @pytest.mark.parametrize("labelled", [True, False])
-def test_no_other_label_and_no_other_frame_of_the_tested_half_is_used(system, labelled):
+def test_no_other_label_and_no_frame_of_the_tested_half_is_used(system, labelled):
     corpus = random_corpus(4, 6, longest=60)
-    cell = cell_of(system, labelled)
+    protocol = {"protocol.unlabelled": "true"}
+    if labelled:
+        protocol = {"protocol.shots": "2", "protocol.weight": "3"}
+    cell = personal_cell(**protocol, **SYSTEMS[system])
     fold = make_folds(cell, corpus)[0]
     shots, tested = fold.pairs[0]
     few = Fold(fold.name, fold.train, fold.test, [(shots, tested[:3])])
@@ -108,64 +88,38 @@ def test_no_other_label_and_no_other_frame_of_the_tested_half_is_used(system, la
     gestures = corpus.gestures.copy()
     secret = np.setdiff1d(fold.test, shots) if labelled else fold.test
     gestures[secret] = np.where(gestures[secret] == "pat", "rub", "pat")
-    changed = changed.changed(captures=changed.captures.assign(gesture=gestures))
-    for one, other in zip(systems(cell, corpus, few), systems(cell, changed, few), strict=True):
-        said = [
-            decisions(s.estimator, c, "", s.tested) for s, c in ((one, corpus), (other, changed))
-        ]
-        assert np.array_equal(*(table.filter(like="p_") for table in said))
+    changed = changed.with_fields(captures=changed.captures.assign(gesture=gestures))
+    tables = []
+    for part in (corpus, changed):
+        systems = fitted_systems(cell, part, few)
+        found = [predictions_table(one.estimator, part, "", one.tested) for one in systems]
+        tables.append(pd.concat(found).filter(like="p_"))
+    assert len(tables[0]) and np.array_equal(*tables)
 
 
-def test_the_next_person_is_learned_from_although_one_has_a_single_capture(tmp_path):
-    """Of three tested people the second has no capture to learn from; the others' are learned from as labelled."""
+def test_a_person_with_a_single_capture_is_tested_by_the_general_system(tmp_path):
+    """The second of three tested people has no capture to learn from."""
     corpus = random_corpus(subjects=3, per_class=2, grid=(4, 4))
     train, test = (np.flatnonzero((corpus.subjects == "1") == own) for own in (False, True))
     alone, shots, rest = test[:1], test[1:3], test[3:]
     path = tmp_path / "my.py"
     path.write_text("from tests.running.fakes import Level\n")
-    values = {
-        "protocol": "personal",
-        "protocol.shots": "1",
-        "protocol.draws": "1",
-        "protocol.weight": "2",
-    }
-    (cell,) = make_cells({"data": "synth", "model": f"{path}:Level"} | values)
+    protocol = {"protocol.shots": "1", "protocol.weight": "2"}
+    cell = personal_cell(model=f"{path}:Level", **protocol)
     fold = Fold("x", train, test, [(shots, rest[:1]), (shots[:0], alone), (shots, rest[1:])])
-    fitted = [one.estimator.means_ for one in systems(cell, corpus, fold)]
+    fitted = [one.estimator.means_ for one in fitted_systems(cell, corpus, fold)]
     both = np.concatenate([train, np.repeat(shots, 2)])
-    expected = [
-        Level().fit(corpus[rows], corpus.gestures[rows]).means_ for rows in (both, train, both)
-    ]
+    parts = [corpus[rows] for rows in (both, train, both)]
+    expected = [Level().fit(part, part.gestures).means_ for part in parts]
     np.testing.assert_allclose(fitted, expected)
-
-
-def test_a_system_in_an_unlabelled_run_predicts_blind(tmp_path, monkeypatch):
-    corpus = random_corpus(subjects=3, per_class=2, grid=(4, 4))
-    monkeypatch.setattr("bench.plan.plan.open_corpus", lambda *_: corpus)
-    path = tmp_path / "my.py"
-    path.write_text("from tests.running.test_blind import Mean as Good, Reads as Bad\n")
-    unlabelled = {"protocol": "personal", "protocol.unlabelled": "true"}
-    good, bad = (
-        make_plans(make_cells({"model": f"{path}:{name}"} | unlabelled), 1)[0]
-        for name in ("Good", "Bad")
-    )
-    assert not folded(good.cell, corpus, good.folds[0], 1).batch_effects
-    with pytest.raises(HiddenError, match="X.captures is hidden"):
-        folded(bad.cell, corpus, bad.folds[0], 1)
 
 
 def test_the_same_capture_on_both_sides_is_a_warning_and_a_circumstance_is_refused(monkeypatch):
     corpus = copied(random_corpus(longest=20), [(0, 1), (2, 1)])
     monkeypatch.setattr("bench.plan.plan.open_corpus", lambda name, parameters: corpus)
-    values = {
-        "data": "mine",
-        "protocol": "personal",
-        "protocol.shots": "1",
-        "model": "lda",
-        "features": "touch",
-    }
-    (plan,) = make_plans(make_cells(values), 1)
+    cell = personal_cell(**{"data": "mine", "protocol.shots": "1"}, **SYSTEMS["adapts"])
+    (plan,) = make_plans([cell], 1)
     assert {tested for tested, _ in plan.repeated_captures} == {0, 1, 2} and not plan.mixes_subjects
-    assert sum("same frames" in line for line in warnings(plan)) == 1
+    assert sum("same frames" in line for line in warnings_of_plan(plan)) == 1
     with pytest.raises(InputError, match="under= tests one"):
         make_plans([replace(plan.cell, circumstances=(Faults(("noise",)),))], 1)

@@ -1,1 +1,1 @@
-"""A new person or another sensor: protocols, adaptation of systems, a command, a section of the report."""
+"""A new person or another sensor: protocols, adaptation, a command, a section of the report."""

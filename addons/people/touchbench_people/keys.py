@@ -1,14 +1,15 @@
 """The command of this package, without anything heavy."""
 
-from bench.grammar.options import SHIP, TRUSTED, Command, Option
+from bench.grammar.options import SHIP, TRUST_NOTE, Command, Option
 
 ADAPT = Command(
     SHIP,
     "adapt a saved model to one person",
-    "FILE has captures of one person in the format of bench data import table. With a column gesture, the model learns "
-    "from the labels. Without it, the model adapts to differences between this person and the training subjects. MODEL "
-    "does not change. reflex, lda, networks (their last layer) and model=adaptable can adapt; bench run "
-    f"protocol=personal measures the gain. {TRUSTED}",
+    "FILE has captures of one person in the format of bench data import table. With a column "
+    "gesture, the model learns from the labels. Without it, the model adapts to differences "
+    "between this person and the training subjects. MODEL does not change. reflex, lda, networks "
+    "(their last layer) and model=adaptable can adapt; bench run protocol=personal measures the "
+    f"gain. {TRUST_NOTE}",
     "bench adapt rec anna.csv out=rec_anna",
     "MODEL FILE out=FOLDER [rate_hz=HZ]",
     module="touchbench_people.commands",

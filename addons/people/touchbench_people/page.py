@@ -1,4 +1,4 @@
-"""Report section on captures of a new person, from runs of ``protocol=personal`` and ``transfer``."""
+"""Report section on captures of a new person, from ``protocol=personal`` and ``transfer``."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ COLUMNS = (
 )
 CAPTION = (
     "{}: accuracy in percent, mean over people with its 95 % t-interval, for each number of shots. "
-    "gain: paired difference to no shots, in points. worse: subjects with lower accuracy, and their "
-    "loss in points."
+    "gain: paired difference to no shots, in points. worse: subjects with lower accuracy, and "
+    "their loss in points."
 )
 # Name of a set of comparable runs, and the curve of each system.
 Curves = tuple[str, dict[str, pd.DataFrame]]
@@ -70,7 +70,7 @@ class NewPerson:
 
 
 def comparable_curves(results: Sequence[Result]) -> list[Curves]:
-    """Curves of each set of comparable results, of systems with two calibrations, the best first."""
+    """Curves of each set of comparable results; systems with two calibrations, best first."""
     personal = [r for r in results if r["protocol_name"] in ("personal", "transfer")]
     curves = []
     for part in group_comparable_results([r for r in personal if r.is_complete]):

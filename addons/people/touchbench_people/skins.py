@@ -5,57 +5,58 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from bench.corpora import joined as several
+from bench.corpora import joined
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 
-OWN, SOURCE = "own", "source"  # what the column ``skin`` says
+TARGET_SKIN, SOURCE_SKIN = "own", "source"  # values of the column ``skin``
 
 
-def joined(target: Corpus, source: Corpus, names: dict[str, str]) -> Corpus:
-    """Captures of two skins, one behind the other; only classes that both skins have.
+def join_skins(target: Corpus, source: Corpus, names: dict[str, str]) -> Corpus:
+    """Join the captures of two skins, of the classes that both have.
 
-    Both are brought to the lower of their rates, and each way to the fewer of their taxels; the full scale is that of
-    the first. What is the same already stays as it is.
+    Both are converted to the lower rate and, for rows and columns, to the fewer taxels; the full
+    scale is that of the target. Frames that need no conversion do not change.
 
     Args:
-        target: captures.
+        target: captures to test.
         source: captures of the other skin.
-        names: names in ``target`` of classes of ``source``, where they differ.
+        names: names in ``target`` of classes of ``source``, if they differ.
 
     Returns:
-        A corpus in memory, float32, whose column ``skin`` says which is which. People of the other skin are others,
-        whatever they are called.
+        A corpus in memory, float32, whose column ``skin`` tells the skins apart. Subjects of the
+        other skin are other people, whatever their names are.
 
     Raises:
-        InputError: a class that is not there is given a name, less than two are left, or a capture is in both.
+        InputError: a class does not exist, fewer than two are shared, or both have the same
+            captures.
     """
     for old, new in names.items():
         for name, corpus in ((old, source), (new, target)):
             if name not in set(corpus.gestures):
                 raise InputError(
-                    f"protocol.classes={old}:{new}: {corpus.name} has no {name!r}; it has {several.classes_of(corpus)}"
+                    f"protocol.classes={old}:{new}: {corpus.name} has no {name!r}; it has "
+                    f"{joined.class_names(corpus)}"
                 )
-    several.refuse_the_same(target, source, "protocol=transfer")
+    joined.refuse_same_recordings(target, source, "protocol=transfer")
     renamed = np.array([names.get(name, name) for name in source.gestures], dtype=object)
     classes = sorted(set(target.gestures) & set(renamed))
     if len(classes) < 2:
         raise InputError(
-            f"protocol=transfer: {target.name} and {source.name} share {len(classes)} classes; name more with "
-            f"protocol.classes=, which maps those of {source.name} ({several.classes_of(source)}) to those of "
-            f"{target.name} ({several.classes_of(target)})"
+            f"protocol=transfer: {target.name} and {source.name} share {len(classes)} classes; name "
+            f"more with protocol.classes=, which maps those of {source.name} "
+            f"({joined.class_names(source)}) to those of {target.name} "
+            f"({joined.class_names(target)})"
         )
-    kept = np.flatnonzero(np.isin(renamed, classes))
-    target, source = target[np.flatnonzero(np.isin(target.gestures, classes))], source[kept]
-    columns = list(target.captures)
-    rows = source.captures.reindex(columns=columns, fill_value="").assign(
-        subject="other " + source.captures["subject"].astype(str),
-        gesture=renamed[kept],
-        skin=SOURCE,
-    )
-    captures = pd.concat([target.captures.assign(skin=OWN), rows], ignore_index=True)
-    frames, fields = several.common((target, source))
-    info = several.origin_of((target, source)) | {"format": "transfer", "source_name": source.name}
+    shared = np.flatnonzero(np.isin(renamed, classes))
+    target, source = target[np.flatnonzero(np.isin(target.gestures, classes))], source[shared]
+    subject = "other " + source.captures["subject"].astype(str)
+    rows = source.captures.reindex(columns=list(target.captures), fill_value="")
+    rows = rows.assign(subject=subject, gesture=renamed[shared], skin=SOURCE_SKIN)
+    captures = pd.concat([target.captures.assign(skin=TARGET_SKIN), rows], ignore_index=True)
+    frames, fields = joined.convert_to_common((target, source))
+    info = joined.joint_info((target, source))
+    info |= {"format": "transfer", "source_name": source.name}
     return Corpus.from_captures(
         frames, captures.astype("str"), name=target.name, info=info, **fields
     )

@@ -1,4 +1,4 @@
-"""Another skin: trained on one corpus, tested on another."""
+"""Another skin: train on one corpus, test on another."""
 
 from __future__ import annotations
 
@@ -8,28 +8,27 @@ from itertools import chain
 import numpy as np
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.library import made_once, open_corpus
-from bench.errors import InputError, nearest
-from bench.ground.registry import parameters
-from bench.ground.words import convert
+from bench.corpora.library import make_once, open_corpus
+from bench.errors import InputError
+from bench.plan.grid import expand_corpus_parameters
 from touchbench_people import skins
-from touchbench_people.personal import WEIGHT, Folds, Pairs, Personal, with_shots
-from touchbench_people.skins import OWN, SOURCE
+from touchbench_people.personal import SHOT_WEIGHT, Folds, Personal, pairs_with_shots
+from touchbench_people.skins import SOURCE_SKIN, TARGET_SKIN
 
 
 class Transfer(Personal):
-    """Train on all captures of another corpus, test on those of ``data=``, on the classes that both have.
+    """Train on all captures of another corpus, and test on those of ``data=``; shared classes only.
 
-    Both are brought to what both skins can give (`touchbench_people.skins`): shares of full scale, the lower of their
-    rates and, each way, the fewer of their taxels. A finer one that is trained on would teach what the coarser cannot
-    show, and the other way round. With ``shots`` or ``unlabelled`` each tested person calibrates, as in `Personal`.
+    Both are converted to what both skins can measure (`touchbench_people.skins`): shares of full
+    scale, the lower rate and, for rows and columns, the fewer taxels. With ``shots`` or
+    ``unlabelled`` each tested person calibrates, as in `Personal`.
 
     Args:
-        source: name of the corpus that is trained on; ``synth`` may be followed by parameters, as in
+        source: name of the training corpus; ``synth`` may have parameters, as in
             ``synth+rows=6+cols=6``.
-        classes: names in ``data=`` of its classes where they differ, as in ``tap:pat+massage:rub``.
+        classes: names in ``data=`` of its classes, if they differ, as in ``tap:pat+massage:rub``.
         shots: labelled captures of each class of the tested person.
-        draws: calibrations that are drawn, each tested.
+        draws: number of calibrations to draw and test.
         unlabelled: half of the captures of the tested person, without labels, in place of shots.
         weight: number of times that a shot counts for a system that cannot adapt.
         seed: random seed of halves and draws.
@@ -42,7 +41,7 @@ class Transfer(Personal):
         shots: int = 0,
         draws: int = 5,
         unlabelled: bool = False,
-        weight: int = WEIGHT,
+        weight: int = SHOT_WEIGHT,
         seed: int = 0,
     ) -> None:
         super().__init__(shots, draws, unlabelled, weight, seed)
@@ -50,7 +49,7 @@ class Transfer(Personal):
         self.classes = classes
 
     def joined(self, corpus: Corpus) -> Corpus:
-        """The captures of ``data=``, and behind them those of the source, both as a skin that is as coarse as either.
+        """Join the captures of ``data=`` and of the source, as one skin.
 
         Raises:
             InputError: there is no such source, or too few classes are shared.
@@ -62,23 +61,23 @@ class Transfer(Personal):
             )
         if not self.source:
             raise InputError(
-                "protocol=transfer needs protocol.source=, the corpus that is trained on; see bench data"
+                "protocol=transfer needs protocol.source=, the corpus that is trained on; see "
+                "bench data"
             )
         name, *pairs = re.split(r"\+(?=[a-z_]+=)", self.source)
+        values = {f"data.{key}": value for key, _, value in (pair.partition("=") for pair in pairs)}
         try:
-            source = open_corpus(name, _generator(name, pairs))
+            source = open_corpus(name, expand_corpus_parameters(values, name, [name])[0])
         except InputError as e:
             raise InputError(f"protocol.source={self.source}: {e}") from e
-        names = self._names()
-        parts = [
-            part
-            for each in (corpus, source)
-            for part in (each.digest, each.name, each.index.tolist())
-        ]
-        about = [*parts, sorted(names.items())]
-        return made_once(".transfer", about, lambda: skins.joined(corpus, source, names), skins)
+        names = self._class_names()
+        key: list[object] = []
+        for each in (corpus, source):
+            key += [each.digest, each.name, each.index.tolist()]
+        key.append(sorted(names.items()))
+        return make_once(".transfer", key, lambda: skins.join_skins(corpus, source, names), skins)
 
-    def _names(self) -> dict[str, str]:
+    def _class_names(self) -> dict[str, str]:
         pairs = [pair.partition(":") for pair in self.classes.split("+") if pair]
         for old, _, new in pairs:
             if not old or not new:
@@ -92,44 +91,24 @@ class Transfer(Personal):
         return {old: new for old, _, new in pairs}
 
     def label(self, corpus: Corpus) -> str:
-        """Protocol label of every row of results."""
-        target = corpus.captures["skin"].to_numpy() == OWN
+        """Protocol label of results."""
+        target = corpus.captures["skin"].to_numpy() == TARGET_SKIN
         personal = super().label(corpus[target]).removeprefix("personal, ").rpartition(" (")[0]
         calibration = f", {personal}" if self.shots or self.unlabelled else ""
-        people = [f"{len(set(corpus.subjects[part]))} subjects" for part in (~target, target)]
-        count = len(set(corpus.gestures))
-        return f"transfer from {self.source} ({people[0]}), {count} shared classes{calibration} ({people[1]})"
+        trained, tested = (len(set(corpus.subjects[part])) for part in (~target, target))
+        classes = f"{len(set(corpus.gestures))} shared classes"
+        source = f"{self.source} ({trained} subjects)"
+        return f"transfer from {source}, {classes}{calibration} ({tested} subjects)"
 
     def split(self, X: Corpus, y: object = None, groups: np.ndarray | None = None) -> Folds:
-        """Yield one (train, test, pairs): the source, all of ``data=``, and pairs of each draw and tested subject."""
+        """Yield one (train, test, pairs): the source, all of ``data=``, and pairs of all draws.
+
+        Pairs are ordered by draw, then by subject.
+        """
         skin = X.captures["skin"].to_numpy()
-        yield np.flatnonzero(skin == SOURCE), np.flatnonzero(skin == OWN), self._pairs(X, y)
-
-    def _pairs(self, X: Corpus, y: object) -> Pairs:
-        """Calibration captures of a subject, and captures tested after them: draw by draw, subject by subject."""
-        target = np.flatnonzero(X.captures["skin"].to_numpy() == OWN)
-        people = list(self.calibrations(X[target], None if y is None else np.asarray(y)[target]))
-        draws = chain.from_iterable(chain.from_iterable(draw) for draw in zip(*people, strict=True))
-        return with_shots([(target[shots], target[tested]) for shots, tested in draws])
-
-
-def _generator(name: str, pairs: list[str]) -> dict[str, object]:
-    """Parameters of the generated corpus from ``rows=6`` and the like; an imported one has none.
-
-    Raises:
-        InputError: a parameter that is not there, or no value of one.
-    """
-    from bench.corpora.synth import generate
-
-    if name != "synth":
-        if pairs:
-            raise InputError(f"only synth has parameters, not {name}")
-        return {}
-    defaults = parameters(generate)
-    values = dict(defaults)
-    for pair in pairs:
-        key, _, text = pair.partition("=")
-        if key not in defaults:
-            raise InputError(f"synth has no parameter {key!r}; {nearest(key, defaults)}")
-        values[key] = convert(key, text, defaults[key])
-    return values
+        source, target = np.flatnonzero(skin == SOURCE_SKIN), np.flatnonzero(skin == TARGET_SKIN)
+        labels = None if y is None else np.asarray(y)[target]
+        pairs = []
+        for draw in zip(*self.calibrations(X[target], labels), strict=True):
+            pairs += [(target[shots], target[tested]) for shots, tested in chain(*draw)]
+        yield source, target, pairs_with_shots(pairs)
