@@ -1,8 +1,9 @@
-"""Processor time of `bench run` beside a script that fits and predicts in the same folds, each in a new process.
+"""Processor time of `bench run`, and of a script that fits and predicts in the same folds.
 
     python benchmarks/bench_plain.py
 
-The captures are generated; HAART is added where it is imported. Both sides run on an empty store.
+Each runs in a new process, on an empty store. The captures are generated; HAART is added if it is
+imported.
 """
 
 import os
@@ -27,19 +28,17 @@ for plan in bench.plans(**{keywords!r}):
 COMMAND = "import sys; from bench.cli import main; sys.exit(main({words!r}))"
 
 
-def spent(code: str, folder: str) -> tuple[float, float]:
+def measure_process(code: str, folder: str) -> tuple[float, float]:
     """Processor and wall seconds of Python code in a new process."""
     paths = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
     paths.pop("MLFLOW_TRACKING_URI", None)
-    began, before = time.perf_counter(), os.times()
+    started, before = time.perf_counter(), os.times()
     subprocess.run(
         [sys.executable, "-c", code], check=True, capture_output=True, cwd=folder, env=paths
     )
     after = os.times()
-    processor = (
-        after.children_user + after.children_system - before.children_user - before.children_system
-    )
-    return processor, time.perf_counter() - began
+    processor = sum(after[2:4]) - sum(before[2:4])  # user and system time of children
+    return processor, time.perf_counter() - started
 
 
 def main() -> None:
@@ -52,9 +51,9 @@ def main() -> None:
         }
         script = SCRIPT.format(keywords=keywords)
         with tempfile.TemporaryDirectory() as folder:
-            spent(script, folder)  # generates the captures
-            plain, plain_wall = spent(script, folder)
-            ours, wall = spent(COMMAND.format(words=["run", *words.split()]), folder)
+            measure_process(script, folder)  # generates the captures
+            plain, plain_wall = measure_process(script, folder)
+            ours, wall = measure_process(COMMAND.format(words=["run", *words.split()]), folder)
         line = f"{ours:.1f} s, script {plain:.1f} s, ratio {ours / plain:.2f}"
         print(f"{words}: {line}; wall {wall:.1f} and {plain_wall:.1f} s", flush=True)
 

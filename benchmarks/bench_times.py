@@ -1,10 +1,12 @@
-"""Times of ten systems on a quiet machine and beside four busy loops, in turns: do numbers and order stay?
+"""Times of ten systems on a quiet machine and beside four busy loops, in turns.
+
+Do the numbers and their order stay the same?
 
     python benchmarks/bench_times.py [CORPUS]
 
-Each round fits every system to the training captures of a challenge split and times predictions, as ``bench run``
-does. It prints, for fit and prediction, the times as tables show them and by the wall clock, as a ratio to those of the
-first quiet round. A round before it warms up libraries and caches.
+Each round fits every system to the training captures of a challenge split and times predictions, as
+``bench run`` does. It prints, for fit and prediction, the times as tables show them and by the wall
+clock, as a ratio to those of the first quiet round. A round before it warms up libraries.
 """
 
 from __future__ import annotations
@@ -27,7 +29,7 @@ ROUNDS = ("warm-up", "quiet", "loops", "quiet", "loops")
 SHOWN = ("fit_seconds", "fit_wall_seconds", "predict_ms", "predict_wall_ms")
 
 
-def measured(plan: object) -> dict[str, float]:
+def measure_times(plan: object) -> dict[str, float]:
     """Times of a system in the first fold of a plan."""
     fold, system = plan.folds[0], plan.cell.estimator()
     with limit_threads(THREADS):
@@ -53,7 +55,7 @@ def main(data: str) -> None:
             for plan in plans:
                 rows.append(
                     {"system": plan.cell.system_name(), "round": f"{number} {state}"}
-                    | measured(plan)
+                    | measure_times(plan)
                 )
                 print(f"{rows[-1]['round']}: {rows[-1]['system']}", file=sys.stderr)
         finally:

@@ -1,9 +1,10 @@
 """Training throughput of every network against a plain eager loop, in turn, on the same threads.
 
-The plain loop uses the same network with ordinary layers, a `DataLoader` over a `TensorDataset` of all windows,
-sequences padded to the longest, and PyTorch's optimiser. Each network must first give the same logits in both forms,
-so equal steps give equal accuracy. The corpora are generated: captures like CoST's, or of 432 frames at 54 Hz like
-HAART's. On a busy machine, use the ratio of processor time.
+The plain loop uses the same network with ordinary layers, a `DataLoader` over a `TensorDataset` of
+all windows, sequences padded to the longest, and PyTorch's optimiser. Each network must first give
+the same logits in both forms, so equal steps give equal accuracy. The corpora are generated:
+captures like CoST's, or of 432 frames at 54 Hz like HAART's. On a busy machine, use the ratio of
+processor time.
 
     python benchmarks/bench_training.py [system ...] [threads=1] [rounds=5] [precision=bfloat16]
 """
@@ -37,7 +38,8 @@ from bench.models.nets.zhou2016 import Zhou2016CNN2D, Zhou2016CNN3D, Zhou2016GML
 
 SGD = partial(torch.optim.SGD, lr=0.05, momentum=0.9)
 RMSPROP = partial(torch.optim.RMSprop, lr=1e-4)
-# By name: the system, its optimiser, subjects and repetitions of CoST-like captures, or the number of HAART-like ones.
+# The system, its optimiser, and the size of its corpus: subjects and repetitions of CoST-like
+# captures, or the number of HAART-like ones.
 SYSTEMS = {
     "cnn85": (CNN85, SGD, (8, 4)),
     "hughes2017_cnn": (Hughes2017CNN, RMSPROP, (4, 1)),
@@ -52,7 +54,7 @@ SYSTEMS = {
 
 
 class Padded(nn.Module):
-    """Windows [batch, steps, frames, rows, cols] to logits [batch, classes, steps] with `nn.RNN`."""
+    """Map windows [batch, steps, frames, rows, cols] to logits [batch, classes, steps]."""
 
     def __init__(self, encoder: nn.Module, rnn: nn.RNN, head: nn.Module) -> None:
         super().__init__()
@@ -60,12 +62,11 @@ class Padded(nn.Module):
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         """Logits of every step, padded ones included."""
-        return self.head(
-            self.rnn(self.encoder(x.flatten(0, 1)).unflatten(0, x.shape[:2]))[0]
-        ).transpose(1, 2)
+        encoded = self.encoder(x.flatten(0, 1)).unflatten(0, x.shape[:2])
+        return self.head(self.rnn(encoded)[0]).transpose(1, 2)
 
 
-def ordinary(net: nn.Module) -> nn.Module:
+def with_library_layers(net: nn.Module) -> nn.Module:
     """A copy of a network with the library's layers in place of our own."""
     net = copy.deepcopy(net).to(memory_format=torch.contiguous_format)
     if hasattr(net, "within"):
@@ -74,7 +75,7 @@ def ordinary(net: nn.Module) -> nn.Module:
         with torch.no_grad():
             for ours, theirs in zip(rnn.parameters(), weights, strict=True):
                 ours.copy_(theirs)
-        return Padded(ordinary(net.encoder), rnn, net.head)
+        return Padded(with_library_layers(net.encoder), rnn, net.head)
     if isinstance(net[0], TimeConv3d):
         conv = nn.Conv3d(1, net[0].out_channels, net[0].kernel_size)
         conv.load_state_dict(net[0].state_dict())
@@ -82,19 +83,19 @@ def ordinary(net: nn.Module) -> nn.Module:
     return net
 
 
-def tensors(samples: object, target: np.ndarray) -> TensorDataset:
+def padded_dataset(samples: object, target: np.ndarray) -> TensorDataset:
     """All samples as one tensor, sequences and their labels padded."""
     labels = torch.from_numpy(target)
     if not isinstance(samples, Sequences):
         return TensorDataset(samples.make_batch(np.arange(len(samples))).contiguous(), labels)
     windows, steps = samples.make_batch(np.arange(len(samples)))
-    here = torch.arange(int(steps.max())) < steps[:, None]
-    x = torch.zeros(*here.shape, *windows.shape[1:])
-    x[here] = windows
-    return TensorDataset(x, torch.where(here, labels[:, None], -100))
+    is_step = torch.arange(int(steps.max())) < steps[:, None]
+    x = torch.zeros(*is_step.shape, *windows.shape[1:])
+    x[is_step] = windows
+    return TensorDataset(x, torch.where(is_step, labels[:, None], -100))
 
 
-def plain(net: nn.Module, optimiser: torch.optim.Optimizer, loader: DataLoader) -> None:
+def train_plainly(net: nn.Module, optimiser: torch.optim.Optimizer, loader: DataLoader) -> None:
     """One epoch of the plain loop."""
     criterion = nn.CrossEntropyLoss()
     net.train()
@@ -106,18 +107,21 @@ def plain(net: nn.Module, optimiser: torch.optim.Optimizer, loader: DataLoader) 
         loss.item()
 
 
-def haart_like(captures: int) -> Corpus:
+def generate_haart_like(captures: int) -> Corpus:
     """Captures of 432 frames at 54 Hz; generated ones are repeated up to there."""
     corpus = generate(subjects=-(-captures // 42), rate_hz=54.0)[:captures]
-    frames = [np.resize(one, (432, *corpus.grid)) for one in corpus]
+    frames = [np.resize(capture, (432, *corpus.grid)) for capture in corpus]
     return Corpus.from_captures(frames, corpus.captures, 54.0, full_scale=corpus.full_scale)
 
 
-def compare(name: str, threads: int, rounds: int, precision: str = "") -> None:
-    """Print samples per second of each round and the medians of their ratios; a precision is that of ours alone."""
+def compare_loops(name: str, threads: int, rounds: int, precision: str = "") -> None:
+    """Print samples per second of each round, and the medians of their ratios.
+
+    A precision is that of our loop alone.
+    """
     torch.manual_seed(0)
     system, optimiser, size = SYSTEMS[name]
-    corpus = haart_like(size) if isinstance(size, int) else generate(*size)
+    corpus = generate_haart_like(size) if isinstance(size, int) else generate(*size)
     model: WindowNet = system(**({"precision": precision} if precision else {}))
     if isinstance(model, Hughes2017):
         model.design_ = COST
@@ -127,8 +131,8 @@ def compare(name: str, threads: int, rounds: int, precision: str = "") -> None:
     net = model.network(*corpus.grid, len(classes))
     first = samples.make_batch(np.arange(2))
     net.eval()(first)
-    theirs = ordinary(net)
-    data = tensors(samples, target)
+    theirs = with_library_layers(net)
+    data = padded_dataset(samples, target)
     forward = partial(
         run_taxel_major if name == "cnn85" and not precision else model.compute_logits, net
     )
@@ -145,27 +149,22 @@ def compare(name: str, threads: int, rounds: int, precision: str = "") -> None:
     sgd = SelectiveSGD(net, (rate,)) if name == "cnn85" else Optimiser(optimiser(net.parameters()))
     sgd.before_epoch = lambda *_: None  # the others do not search their rate
     epochs = {
-        "plain": partial(plain, theirs, optimiser(theirs.parameters()), loader),
+        "plain": partial(train_plainly, theirs, optimiser(theirs.parameters()), loader),
         "ours": partial(
             train_network, net, samples, target, sgd, Schedule(1, batch, seed=0), forward
         ),
     }
     count = len(samples) // batch * batch
-    print(
-        f"{name}: {len(samples)} samples, batches of {batch}, {threads} threads, torch {torch.__version__}",
-        flush=True,
-    )
+    line = f"{name}: {len(samples)} samples, batches of {batch}, {threads} threads"
+    print(f"{line}, torch {torch.__version__}", flush=True)
     speeds = {key: [] for key in epochs}
     for _ in range(rounds):
         for key, epoch in epochs.items():
-            wall, cpu = time.perf_counter(), time.process_time()
+            started = np.array([time.perf_counter(), time.process_time()])
             epoch()
-            speeds[key].append(
-                (count / (time.perf_counter() - wall), count / (time.process_time() - cpu))
-            )
-        print(
-            "  " + "   ".join(f"{key} {speeds[key][-1][0]:8.1f} /s" for key in epochs), flush=True
-        )
+            spent = np.array([time.perf_counter(), time.process_time()]) - started
+            speeds[key].append(count / spent)
+        print("", *(f"{key} {speeds[key][-1][0]:8.1f} /s" for key in epochs), sep="  ", flush=True)
     wall, cpu = np.median(np.array(speeds["ours"]) / np.array(speeds["plain"]), axis=0)
     print(f"  ours over plain: {wall:.2f} (processor time {cpu:.2f})", flush=True)
 
@@ -176,7 +175,7 @@ def main(*arguments: str) -> None:
     threads = int(options.get("threads", 1))
     torch.set_num_threads(threads)
     for name in [a for a in arguments if "=" not in a] or SYSTEMS:
-        compare(name, threads, int(options.get("rounds", 5)), options.get("precision", ""))
+        compare_loops(name, threads, int(options.get("rounds", 5)), options.get("precision", ""))
 
 
 if __name__ == "__main__":

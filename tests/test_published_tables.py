@@ -5,7 +5,7 @@ import csv
 import numpy as np
 import pytest
 
-from bench.reports.comparison import published
+from bench.reports.comparison import load_published
 from studies import published_tables
 
 
@@ -14,7 +14,7 @@ def test_the_headline_of_cnn85_is_a_macro_precision():
         rows = [[int(v) for v in row[1:]] for row in list(csv.reader(f))[1:]]
     right, total = sum(row[i] for i, row in enumerate(rows)), sum(map(sum, rows))
     columns = [row[i] / sum(r[i] for r in rows) for i, row in enumerate(rows)]
-    measured = published_tables.measures(published_tables.albawi_counts())
+    measured = published_tables.score_counts(published_tables.albawi_counts())
     assert (right, total) == (6650, 10742) == (measured["right"], measured["of"])
     assert (
         measured["macro_precision"]
@@ -30,9 +30,9 @@ def test_the_headline_of_cnn85_is_a_macro_precision():
 
 def test_jung_and_hughes_against_their_own_claims():
     jung = published_tables.jung_counts()
-    assert published_tables.measures(jung)["right"] == 4687 and jung.to_numpy().sum() == 7805
+    assert published_tables.score_counts(jung)["right"] == 4687 and jung.to_numpy().sum() == 7805
     assert sorted(jung.sum(axis=1).unique()) == [556, 557, 558]  # captures of a gesture in CoST
-    rows = published_tables.recomputed(published()).set_index("source")
+    rows = published_tables.recompute_accuracies(load_published()).set_index("source")
     rows.index = rows.index.str.extract(r"Table (\w+)")[0]
     agrees = {
         "3": "no",
