@@ -6,9 +6,9 @@
     table = bench.run(data="synth", protocol="loso", model=["svm", "bayes"], data__subjects=6)
     bench.choose(data="synth", protocol="loso", max_flash="256kB")
 
-The functions take the names of the command line (see ``bench run --help``): lists instead of commas, ``model__C=8`` for
-``model.C=8``, and scikit-learn estimators, feature sets and splitters besides names. Nothing heavy is loaded before
-one of them is called. All raise `InputError` for what cannot be used.
+The functions take the keys of the command line (see ``bench run --help``), with lists instead of
+commas, ``model__C=8`` for ``model.C=8``, and scikit-learn estimators, feature sets and splitters
+besides names. All raise `InputError` for invalid values. Nothing heavy is imported before a call.
 """
 
 from __future__ import annotations
@@ -18,6 +18,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench.errors import InputError as InputError
+from bench.grammar.options import (
+    RUN_KEYS,
+    STORED_OPTIONS,
+    key_options,
+    make_executor,
+    values_from_keywords,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -34,12 +41,12 @@ def run(**values: object) -> pd.DataFrame:
     """Evaluate every combination of the values; stored runs are not repeated.
 
     Args:
-        values: keys of ``bench run``. A list of values runs each of them. ``model__C=8`` sets a parameter of a part, as
-            ``model.C=8`` does on the command line. Scikit-learn estimators, feature sets and splitters may stand
-            instead of names.
+        values: keys of ``bench run``. Each value of a list is run. ``model__C=8`` sets a parameter
+            of a part, as ``model.C=8`` does on the command line. Scikit-learn estimators, feature
+            sets and splitters may replace names.
 
     Returns:
-        One row per run, as `bench.runs` has them; `bench.predictions` takes it and gives the labels.
+        One row per run, as from `bench.runs`; `bench.predictions` takes it and gives the labels.
     """
     from bench.commands.run import run_from_python
 
@@ -47,7 +54,7 @@ def run(**values: object) -> pd.DataFrame:
 
 
 def stress(**values: object) -> pd.DataFrame:
-    """Runs under faults, and on fewer training subjects, as ``bench stress`` makes them; it writes no files.
+    """Evaluate under faults and on fewer training subjects, as ``bench stress`` does.
 
     Args:
         values: keys of ``bench stress``, as `run` takes them.
@@ -58,12 +65,12 @@ def stress(**values: object) -> pd.DataFrame:
 
 
 def plans(**values: object) -> list[Plan]:
-    """The plans of `run`, which takes the same values: captures, folds and an untrained system for every combination.
+    """Plan the runs of `run`, which takes the same values, without evaluating them.
 
     Returns:
-        Plans with ``corpus``, ``folds`` (``name``, positions ``train`` and ``test``) and ``cell.estimator()``.
+        For every combination a plan with ``corpus``, ``folds`` (``name``, positions ``train`` and
+        ``test``) and ``cell.estimator()``, which makes an untrained system.
     """
-    from bench.grammar.options import RUN_KEYS, make_executor, values_from_keywords
     from bench.plan.grid import make_cells
     from bench.plan.plan import make_plans
 
@@ -72,13 +79,13 @@ def plans(**values: object) -> list[Plan]:
 
 
 def tune(**values: object) -> pd.DataFrame:
-    """Search parameters inside each training part; the columns of `run`.
+    """Search parameters inside each training part; returns the columns of `run`.
 
     Args:
-        values: keys of ``bench tune``, such as ``trials``, as `run` takes them; a list of ``model__X`` is tried.
+        values: keys of ``bench tune``, such as ``trials``, as `run` takes them. All values of a
+            list for ``model__X`` are tried.
     """
     from bench.commands.tune import run_searches
-    from bench.grammar.options import key_options, values_from_keywords
     from bench.reading.frame import runs_table
 
     return runs_table(run_searches(values_from_keywords(values, key_options("tune"))))
@@ -91,7 +98,6 @@ def fit(**values: object) -> Fitted:
         values: keys of ``bench fit``, as `run` takes them.
     """
     from bench.commands.fit import fit_from_values
-    from bench.grammar.options import key_options, values_from_keywords
 
     return fit_from_values(values_from_keywords(values, key_options("fit")))
 
@@ -103,27 +109,24 @@ def audit(**values: object) -> pd.DataFrame:
         values: keys of ``bench audit``, as `run` takes them.
 
     Returns:
-        One row per system and check: system, check, result (passed, failed or not applicable), sentence, seconds.
+        One row per system and check: system, check, result (passed, failed or not applicable),
+        sentence, seconds.
     """
     import pandas as pd
 
     from bench.commands.audit import audit_systems
-    from bench.grammar.options import key_options, values_from_keywords
 
     audits = audit_systems(values_from_keywords(values, key_options("audit")))
-    return pd.DataFrame(
-        [
-            {"system": cell.system_name(), **vars(each)}
-            for cell, verdicts in audits
-            for each in verdicts
-        ]
-    )
+    rows = [
+        ({"system": cell.system_name()}, vars(v)) for cell, verdicts in audits for v in verdicts
+    ]
+    return pd.DataFrame([system | verdict for system, verdict in rows])
 
 
 def corpus(
     data: str = "synth", where: str = "", target: str = "gesture", **parameters: object
 ) -> Corpus:
-    """The captures of a corpus: ``len``, ``captures`` (a table), one array [frames, rows, cols] each, ``plot(i)``.
+    """Load captures: a sequence of arrays [frames, rows, cols], table ``captures``, ``plot(i)``.
 
     Args:
         data: an imported corpus, or ``synth``.
@@ -153,7 +156,8 @@ def look(
         parameters: as for `corpus`.
 
     Returns:
-        Tables ``counts``, ``gaps``, ``classes``, ``durations``, ``pressure``, ``taxels`` and ``duplicates``.
+        Tables ``counts``, ``gaps``, ``classes``, ``durations``, ``pressure``, ``taxels`` and
+        ``duplicates``.
     """
     from bench.commands.data import survey_captures
 
@@ -163,15 +167,14 @@ def look(
 
 
 def extract(**values: object) -> pd.DataFrame:
-    """The features of all captures, beside their subject, gesture and conditions.
+    """Compute features of all captures, in a table with subject, gesture and conditions.
 
-    Features that learn are fitted to all these captures: do not test on any of them.
+    Features that learn are fitted to all these captures: do not test a system on any of them.
 
     Args:
         values: ``data``, ``where``, ``target``, ``features`` and ``seed`` of `run`.
     """
     from bench.commands.data import extract_features
-    from bench.grammar.options import RUN_KEYS, values_from_keywords
 
     return extract_features(
         values_from_keywords(values, RUN_KEYS.keys() - {"protocol", "model", "jobs"})
@@ -179,53 +182,57 @@ def extract(**values: object) -> pd.DataFrame:
 
 
 def runs(cases: bool = False, **values: object) -> pd.DataFrame:
-    """Stored runs of all kinds, accuracies in percent.
+    """List stored runs of all kinds, with accuracies in percent.
 
     Args:
-        cases: True for a row for each case of the circumstances of each run, such as a fault at one severity.
-        values: the runs to keep: keys of ``bench runs``, such as ``data``, ``run`` (ids) and ``latest=True``.
+        cases: True for a row per case of the circumstances of each run, such as a fault at one
+            severity.
+        values: keys of ``bench runs`` that select runs, such as ``data``, ``run`` (ids) and
+            ``latest=True``.
 
     Returns:
-        One row per run: ``name``, which tells what differs from its neighbours; ``accuracy``, the mean over subjects,
-        with its 95 % t-interval (``low``, ``high``) and SD, and every other number; system, model, features,
-        parameters, seed, unit, subset, target, data and protocol; ``complete``, ``alone``, ``folds`` and ``run_id``.
+        One row per run: ``name``, which has what differs from its neighbours; ``accuracy``, the
+        mean over subjects, with its 95 % t-interval (``low``, ``high``) and SD, and every other
+        number; system, model, features, parameters, seed, unit, subset, target, data and protocol;
+        ``complete``, ``alone``, ``folds`` and ``run_id``.
     """
     from bench.reading.frame import runs_table
 
-    return runs_table(_stored(values), cases)
+    return runs_table(_load_selected(values), cases)
 
 
 def predictions(
     runs: pd.DataFrame | None = None, table: str = "predictions", **values: object
 ) -> pd.DataFrame:
-    """The labels of stored runs as one table, or another table of theirs.
+    """Join the predictions, or another table, of stored runs.
 
     Args:
-        runs: rows of `runs`, or of a function that makes runs; None for all that ``values`` select.
-        table: ``predictions`` (a row per decision with the probability of each class), ``per_subject``, ``labels``
-            (labels in the cases of circumstances) or another table of a run.
-        values: the runs to keep, as `runs` takes them.
+        runs: rows of `runs`, or of a function that makes runs; None for all selected ones.
+        table: ``predictions`` (a row per decision with the probability of each class),
+            ``per_subject``, ``labels`` (labels in the cases of circumstances) or another table.
+        values: keys that select runs, as for `runs`.
 
     Returns:
         The rows of the table with the ``name`` and ``run_id`` of their run.
     """
     from bench.reading.frame import join_tables
 
-    return join_tables(
-        _stored(values if runs is None else {**values, "run": [*runs["run_id"]]}), table
-    )
+    if runs is not None:
+        values["run"] = [*runs["run_id"]]
+    return join_tables(_load_selected(values), table)
 
 
 def compare(system: object, other: object, **values: object) -> Compared:
-    """Two systems on the same captures, paired over subjects; captures are matched by their id.
+    """Compare two systems on the same captures, paired over subjects.
 
     Args:
-        system: a table or the path of a CSV or parquet file with the columns ``id``, ``subject``, ``truth`` and
-            ``prediction`` (several rows of an id vote); or a stored system: its name as ``bench runs`` prints it,
-            such as ``"svm · jung54"``, its values as `run` takes them, or a run id. Seeds are averaged. The id of
-            a capture of a stored run is its place in the corpus (`corpus`, attribute ``index``).
-        other: what to compare it with, given in one of the same ways.
-        values: the runs of stored systems, as `runs` selects them.
+        system: a table or the path of a CSV or parquet file with the columns ``id`` (of a capture),
+            ``subject``, ``truth`` and ``prediction``, where several rows of an id vote; or a stored
+            system: its name as ``bench runs`` prints it, such as ``"svm · jung54"``, its values as
+            `run` takes them, or a run id. Seeds are averaged. In a stored run, the id of a capture
+            is its position in the corpus (`corpus`, attribute ``index``).
+        other: the system to compare it with, given in the same ways.
+        values: keys that select runs of stored systems, as for `runs`.
 
     Returns:
         The difference and its test, and tables of subjects, captures and gestures.
@@ -236,10 +243,10 @@ def compare(system: object, other: object, **values: object) -> Compared:
 
 
 def ledger(**values: object) -> pd.DataFrame:
-    """Each stored system under every protocol that was run on the same captures, and the points over LOSO.
+    """Compare the protocols under which each system was run: accuracies, and points over LOSO.
 
     Args:
-        values: the runs to keep, as `runs` takes them.
+        values: keys that select runs, as for `runs`.
 
     Returns:
         A row per captures, system and protocol: `bench.reports.ledger.make_ledger`.
@@ -247,45 +254,47 @@ def ledger(**values: object) -> pd.DataFrame:
     from bench.reading.runs import results_on_captures
     from bench.reports.ledger import make_ledger
 
-    return make_ledger(results_on_captures(_stored(values)))
+    return make_ledger(results_on_captures(_load_selected(values)))
 
 
 def choose(**values: object) -> Choice:
     """Choose the cheapest stored system within one standard error of the best.
 
     Args:
-        values: keys of ``bench choose``, such as ``max_flash="64kB"``. The keys of `runs` select the candidates.
+        values: keys of ``bench choose``, such as ``max_flash="64kB"``. Those of `runs` select the
+            candidates.
     """
     from bench.commands.choose import choose_from_values
-    from bench.grammar.options import key_options, values_from_keywords
 
     return choose_from_values(values_from_keywords(values, key_options("choose")))
 
 
 def groups(**values: object) -> pd.DataFrame:
-    """Groups of gestures that a stored system can tell apart.
+    """Group gestures so that a stored system can distinguish the groups.
 
     Args:
-        values: the runs whose most accurate system is used, as `runs` selects them; ``batch`` of `choose`.
+        values: keys that select runs, as for `runs`, of which the most accurate system is used;
+            ``batch`` of `choose`.
 
     Returns:
-        One row per number of groups, from one per gesture down to 2: `bench.reading.groups.accuracy_by_grouping`.
+        One row per number of groups, from one per gesture down to 2:
+        `bench.reading.groups.accuracy_by_grouping`.
     """
     from bench.commands.choose_groups import KEYS, find_groups
-    from bench.grammar.options import values_from_keywords
 
     return find_groups(values_from_keywords(values, KEYS))[0]
 
 
 def latex(runs: pd.DataFrame, paper: Sequence[str] | str = ()) -> str:
-    """Tables that compare systems, each with a caption that names corpus, protocol and unit.
+    """Write tables in LaTeX that compare systems, with corpus, protocol and unit in the captions.
 
     Args:
-        runs: rows of `runs`, or of a function that makes runs. Runs on the same captures, under the same protocol and
-            in the same unit share one table; p is corrected for all systems of it.
-        paper: columns of a table with systems as rows and protocols side by side: ``accuracy`` (mean over people ± SD)
-            and ``macro_f1`` under each protocol, ``fit``, ``predict`` and ``flash`` of each system. Protocols that mix
-            people are marked. Empty for a table of each protocol.
+        runs: rows of `runs`, or of a function that makes runs. Runs on the same captures, under the
+            same protocol and in the same unit share a table; p is corrected for its systems.
+        paper: columns of a table with systems as rows and protocols side by side: ``accuracy``
+            (mean over people ± SD) and ``macro_f1`` under each protocol, ``fit``, ``predict`` and
+            ``flash`` of each system. Protocols that mix people are marked. Empty for a table of
+            each protocol.
 
     Returns:
         Text for a document that loads booktabs and graphicx.
@@ -298,16 +307,16 @@ def latex(runs: pd.DataFrame, paper: Sequence[str] | str = ()) -> str:
 
     if "run_id" not in runs:
         raise InputError("bench.latex: give the table of bench.runs()")
-    results = results_on_captures(_stored({"run": [*runs["run_id"]]}))
+    results = results_on_captures(_load_selected({"run": [*runs["run_id"]]}))
     if paper:
         return papers_latex(make_papers(results, parse_columns(paper)))
     return latex.comparison_latex(score_rows(group_results(results)))
 
 
-def _stored(values: Mapping[str, object]) -> list:
-    from bench.grammar.options import STORED_OPTIONS, values_from_keywords
+def _load_selected(values: Mapping[str, object]) -> list:
     from bench.reading.runs import load_results, parse_selection, select_or_fail
     from bench.store.client import connect
 
-    asked = parse_selection(values_from_keywords(values, {option.key for option in STORED_OPTIONS}))
-    return select_or_fail(load_results(connect(), asked), asked)
+    keys = {option.key for option in STORED_OPTIONS}
+    selection = parse_selection(values_from_keywords(values, keys))
+    return select_or_fail(load_results(connect(), selection), selection)

@@ -1,13 +1,13 @@
 """The whole interface between harness and systems, built-in ones and others alike.
 
-A system is a scikit-learn classifier whose ``X`` is a `Corpus`; ``fit``, ``predict`` and ``classes_``
-are all it needs. Its *factory*, a class or a function, makes it; keyword arguments of the factory are
-its parameters. An argument without a default receives the feature set. If a factory returns a plain
-scikit-learn, XGBoost, LightGBM or CatBoost estimator, it becomes the last step of a pipeline behind the
-feature set.
+A system is a scikit-learn classifier whose ``X`` is a `Corpus`; ``fit``, ``predict`` and
+``classes_`` are all it needs. Its *factory*, a class or a function, makes it; keyword arguments of
+the factory are its parameters. An argument without a default receives the feature set. If a factory
+returns a plain scikit-learn, XGBoost, LightGBM or CatBoost estimator, this becomes the last step of
+a pipeline after the feature set.
 
-A system may offer further attributes and methods. Each has a function here, which returns its value or
-result, or the default for a system without it. Nothing else is looked up by name.
+A system may offer further attributes and methods. Each has a function here, which returns its value
+or result, or the default for a system without it. Nothing else is looked up by name.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class System(Protocol):
 
 
 class Features(Protocol):
-    """The required interface of a feature set: a scikit-learn transformer from captures to a table."""
+    """The required interface of a feature set: a transformer from captures to a table."""
 
     def fit(self, X: Corpus, y: np.ndarray) -> Features:
         """Learn from captures and their class names, if there is anything to learn."""
@@ -91,7 +91,9 @@ class Method(Generic[Value]):
         if tuple(p.name for p in parameters[:count]) != self.parameters:
             return None
         further = parameters[count:]
-        return method if all(p.default is not p.empty or p.kind in STARRED for p in further) else None
+        return (
+            method if all(p.default is not p.empty or p.kind in STARRED for p in further) else None
+        )
 
 
 # Attributes of a factory
@@ -149,7 +151,7 @@ def members(estimator: System) -> list[System]:
 
 
 def learnt_numbers(part: object) -> int | None:
-    """``parameters_``: how many numbers a system or feature set learnt; None: counted by ``sizes``."""
+    """``parameters_``: how many numbers it learnt; None if `bench.models.sizes` counts them."""
     return getattr(part, "parameters_", None)
 
 
@@ -180,106 +182,101 @@ def learns(feature_set: object) -> bool:
 
 
 check_parameters: Method[None] = Method("check", (), lambda: None)
-"""Raises an `InputError` for parameters that cannot be, of a system or a feature set."""
+"""Raises an `InputError` for invalid parameters of a system or a feature set."""
 check_training: Method[None] = Method("check_training", ("X", "y"), lambda X, y: None)
-"""Raises an `InputError` for a training part that it cannot learn from."""
+"""Raises an `InputError` for training captures from which it cannot learn."""
 input_of_features: Method[list[Corpus]] = Method("seen", ("X",), lambda X: [X])
-"""The input of its feature sets, in training and prediction; by default the captures unchanged."""
+"""What its feature sets receive in training and prediction; by default the captures."""
 memory_before: Method[int] = Method("keeps_before", ("taxels",), lambda taxels: 0)
 """Numbers in memory for the steps before the system."""
 memory_of_features: Method[int] = Method(
     "keeps", ("frames", "taxels"), lambda frames, taxels: frames * taxels
 )
-"""Of a feature set: numbers in memory while it is computed; by default the capture."""
+"""Numbers in memory while a feature set is computed; by default the capture."""
 LENGTH_METHOD: Method[Any] = Method("length", ("rate_hz",), lambda rate_hz: None)
 DECIDE_METHOD: Method[Any] = Method("decide", ("X",), lambda X: None)
 
 
 def window_frames(estimator: System, rate_hz: float) -> int | None:
-    """``length(rate_hz)``: frames that it sees at once, or its parameter ``frames``; None for one without windows."""
+    """``length(rate_hz)``, or parameter ``frames``: frames of a window; None without windows."""
     if length := LENGTH_METHOD.find_method(estimator):
         try:
             frames = length(rate_hz)
         except InputError:
             raise
         except Exception as e:  # a system of the user's may raise anything
-            raise InputError(
-                f"length({rate_hz:g}) of the system raises {type(e).__name__}: {e}"
-            ) from e
+            reason = f"{type(e).__name__}: {e}"
+            raise InputError(f"length({rate_hz:g}) of the system raises {reason}") from e
         if not isinstance(frames, int | np.integer | None):
-            raise InputError(
-                f"length({rate_hz:g}) of the system gives {frames!r}; give a number of frames, or None"
-            )
+            advice = "give a number of frames, or None"
+            raise InputError(f"length({rate_hz:g}) of the system gives {frames!r}; {advice}")
         return None if frames is None else int(frames)
-    frames = (
-        estimator.get_params(deep=False).get("frames")
-        if isinstance(estimator, BaseEstimator)
-        else None
-    )
+    if not isinstance(estimator, BaseEstimator):
+        return None
+    frames = estimator.get_params(deep=False).get("frames")
     return frames if isinstance(frames, int) else None
 
 
 def frames_at_once(estimator: System, frames: int) -> int:
-    """``window_``: frames of a capture of so many that a fitted system decides on at once; by default all."""
+    """``window_``: how many frames of a capture a fitted system needs at once; by default all."""
     return min(frames, getattr(estimator, "window_", None) or frames)
 
 
 def feature_sets(estimator: System) -> dict[str, Features]:
-    """The feature sets inside: a pipeline's step ``features`` or first built-in set, a search's ``features``."""
+    """Feature sets of a system: the step ``features`` of a pipeline, or the attribute of a search.
+
+    In a pipeline without such a step, it is the first step if that is a built-in feature set.
+    """
     if isinstance(estimator, Pipeline):
         first = estimator.steps[0][1]
-        step = estimator.named_steps.get(
-            "features", first if isinstance(first, FeatureSet) else None
-        )
+        default = first if isinstance(first, FeatureSet) else None
+        step = estimator.named_steps.get("features", default)
         return {type(step).__name__.lower(): step} if isinstance(step, BaseEstimator) else {}
     sets = getattr(estimator, "features", None)
     return dict(sets) if isinstance(sets, dict) else {}
 
 
 def required_conditions(estimator: System) -> tuple[str, ...]:
-    """``conditions``: columns of the captures that it, or a part of it, needs to predict; none by default.
+    """``conditions``: columns of captures that it, or a part of it, needs to predict.
 
-    Such as the substrate under the skin, where a robot knows it. Its runs are tagged and labelled with them.
+    An example is the substrate under the skin, if a robot knows it. Runs are tagged with them.
+
+    Raises:
+        InputError: they are given as text.
     """
     names = set()
     for part in parts_of(estimator):
         if isinstance(declared := getattr(part, "conditions", ()), str):
-            raise InputError(
-                f"conditions = {declared!r}: give a tuple of names, such as ({declared!r},)"
-            )
+            advice = f"give a tuple of names, such as ({declared!r},)"
+            raise InputError(f"conditions = {declared!r}: {advice}")
         names |= {*declared}
     return tuple(sorted(names))
 
 
 def check_conditions(estimator: System, corpus: Corpus) -> None:
-    """Refuse conditions that a system cannot have when it predicts: they are not there, or tell class or subject."""
+    """Refuse conditions of a system that are missing, or that reveal the class or the subject."""
     secret = {"subject", "gesture", *corpus.target.split("+")}
     for name in required_conditions(estimator):
         if name in secret:
-            raise InputError(
-                f"conditions: the system declares {name!r}, which a prediction must not use; remove it"
-            )
+            reason = f"the system declares {name!r}, which a prediction must not use"
+            raise InputError(f"conditions: {reason}; remove it")
         if name not in corpus.captures:
-            others = [str(c) for c in corpus.captures if c not in secret]
-            raise InputError(
-                f"conditions: {corpus.name} has no column {name!r}; {suggest_names(name, others)}"
-            )
+            others = [str(column) for column in corpus.captures if column not in secret]
+            reason = f"{corpus.name} has no column {name!r}"
+            raise InputError(f"conditions: {reason}; {suggest_names(name, others)}")
         values = corpus.captures[name]
-        for what, of in (("class", corpus.gestures), ("subject", corpus.subjects)):
-            if (
-                values.nunique() > 1
-                and pd.Series(of).groupby(values.to_numpy(), dropna=False).nunique().max() == 1
-            ):
-                raise InputError(
-                    f"conditions: each value of {name!r} has one {what}, so it tells the {what}; remove it"
-                )
+        for secret_name, labels in (("class", corpus.gestures), ("subject", corpus.subjects)):
+            labels_by_value = pd.Series(labels).groupby(values.to_numpy(), dropna=False)
+            if values.nunique() > 1 and labels_by_value.nunique().max() == 1:
+                reason = f"each value of {name!r} has one {secret_name}"
+                raise InputError(f"conditions: {reason}, so it tells the {secret_name}; remove it")
 
 
-def blind_captures(estimator: System, X: Part) -> Part:
-    """Captures as a system sees them in prediction (`Corpus.blind`); a table of features as it is."""
-    return (
-        X.blind(required_conditions(estimator)) if isinstance(X, Corpus) and not X.is_blind else X
-    )  # type: ignore[return-value]
+def blind_captures(estimator: System, X: Any) -> Any:
+    """Hide from a system what it must not see in prediction (`Corpus.blind`); a table stays."""
+    if not isinstance(X, Corpus) or X.is_blind:
+        return X
+    return X.blind(required_conditions(estimator))
 
 
 # Decisions of a fitted system
@@ -291,33 +288,33 @@ def decides_often(estimator: System) -> bool:
 
 
 def abstention_label(estimator: System) -> str | None:
-    """``abstains``: the label that it, or a part of it, predicts for a capture without a class; None if there is none.
+    """``abstains``: its label for captures without a class; None if it always predicts one.
 
-    In place of its probabilities stands a row of NaN.
+    The probabilities of such a capture are a row of NaN.
     """
-    parts = (part for system in (estimator, inner_system(estimator)) for part in parts_of(system))
-    return next(
-        (label for part in parts if isinstance(label := getattr(part, "abstains", None), str)), None
-    )
+    for system in (estimator, inner_system(estimator)):
+        for part in parts_of(system):
+            if isinstance(label := getattr(part, "abstains", None), str):
+                return label
+    return None
 
 
 def predict_decisions(estimator: System, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
-    """``decide(X)``: every decision that it makes; by default one per capture, on all of its frames.
+    """``decide(X)``: every decision that it makes; by default one per capture, on all frames.
 
     Returns:
-        A table with ``capture`` (position in X), ``start`` and ``frames`` (first frame and frames seen), and
-        probabilities [decisions, classes], zeros where it abstains.
+        A table with ``capture`` (position in X), ``start`` and ``frames`` (first frame and frames
+        seen), and probabilities [decisions, classes], zeros if it abstains.
 
     Raises:
-        PredictionError: a label is no class, or probabilities are none.
+        PredictionError: a label is no class, or probabilities are invalid.
     """
     X = blind_captures(estimator, X)
     if method := DECIDE_METHOD.find_method(estimator):
         table, proba = method(X)
         return table, check_probabilities(estimator, proba, len(table), "decide")
-    return pd.DataFrame(
-        {"capture": np.arange(len(X)), "start": 0, "frames": X.lengths}
-    ), predict_probabilities(estimator, X)
+    table = pd.DataFrame({"capture": np.arange(len(X)), "start": 0, "frames": X.lengths})
+    return table, predict_probabilities(estimator, X)
 
 
 def has_probabilities(estimator: System) -> bool:
@@ -326,80 +323,82 @@ def has_probabilities(estimator: System) -> bool:
 
 
 def predict_probabilities(estimator: System, X: Corpus) -> np.ndarray:
-    """``predict_proba(X)`` [captures, classes], zeros where it abstains; a system without gets 1 for its label."""
+    """``predict_proba(X)`` [captures, classes], zeros if it abstains; or 1 for its label."""
     X = blind_captures(estimator, X)
     if has_probabilities(estimator):
-        return check_probabilities(estimator, estimator.predict_proba(X), len(X), "predict_proba")  # type: ignore[attr-defined]
+        proba = estimator.predict_proba(X)  # type: ignore[attr-defined]
+        return check_probabilities(estimator, proba, len(X), "predict_proba")
     return predict_labels(estimator, X)[:, None] == np.asarray(estimator.classes_).astype(str)
 
 
 def predict_labels(estimator: System, X: Corpus) -> np.ndarray:
-    """``predict(X)``: the label of each capture as text, a class or its `abstention_label`; a `PredictionError` otherwise."""
-    given = np.asarray(
-        estimator.predict(blind_captures(estimator, X)), dtype=object
-    ).ravel()  # CatBoost gives a column
-    if len(given) != len(X):
+    """``predict(X)``: the label of each capture as text, a class or its `abstention_label`.
+
+    Raises:
+        PredictionError: a label is missing, or is neither.
+    """
+    predicted = estimator.predict(blind_captures(estimator, X))
+    labels = np.asarray(predicted, dtype=object).ravel()  # CatBoost gives a column
+    if len(labels) != len(X):
+        mistake = f"predict gives {len(labels)} labels for {len(X)} captures"
+        raise PredictionError(f"{mistake}; give one each")
+    is_unknown = ~np.isin(labels, np.asarray(estimator.classes_, dtype=object))
+    if is_unknown.any() and (label := abstention_label(estimator)) is not None:
+        is_unknown &= labels != label
+    if is_unknown.any():
         raise PredictionError(
-            f"predict gives {len(given)} labels for {len(X)} captures; give one each"
+            f"predict gives {labels[is_unknown.argmax()]!r}, which is not one of the trained "
+            "gestures; a system that abstains declares the label that it then gives, such as "
+            "abstains = 'unknown'"
         )
-    strange = ~np.isin(given, np.asarray(estimator.classes_, dtype=object))
-    if strange.any() and (label := abstention_label(estimator)) is not None:
-        strange &= given != label
-    if strange.any():
-        raise PredictionError(
-            f"predict gives {given[strange.argmax()]!r}, which is not one of the trained gestures; a system that "
-            "abstains declares the label that it then gives, such as abstains = 'unknown'"
-        )
-    return given.astype(str)
+    return labels.astype(str)
 
 
 def check_probabilities(estimator: System, proba: Any, rows: int, method: str) -> np.ndarray:
-    """Probabilities [rows, classes] that a method gives, zeros for a row of NaN of a system that abstains.
+    """Return the probabilities [rows, classes] of a method, zeros for an abstention's row of NaN.
 
     Raises:
         PredictionError: they are no probabilities; the message says what to do.
     """
     proba = np.asarray(proba)
     if proba.shape != (shape := (rows, len(estimator.classes_))):
-        raise PredictionError(
-            f"{method} gives probabilities of shape {proba.shape} for {shape} decisions and classes_"
-        )
-    total, least = proba.sum(axis=1), proba.min(axis=1)
-    sound = (least >= -SUM_TOLERANCE) & (np.abs(total - 1) <= SUM_TOLERANCE)
-    if sound.all():
+        mistake = f"{method} gives probabilities of shape {proba.shape}"
+        raise PredictionError(f"{mistake} for {shape} decisions and classes_")
+    total = proba.sum(axis=1)
+    is_valid = (proba.min(axis=1) >= -SUM_TOLERANCE) & (np.abs(total - 1) <= SUM_TOLERANCE)
+    if is_valid.all():
         return proba
-    if (
-        abstention_label(estimator) is not None
-    ):  # windows of a capture on which it abstains leave a sum below 1
+    if abstention_label(estimator) is not None:  # a capture with some abstentions sums to less
         proba = np.where(np.isnan(proba).all(axis=1, keepdims=True), 0, proba)
         total = proba.sum(axis=1)
-        sound = (proba.min(axis=1) >= -SUM_TOLERANCE) & (total <= 1 + SUM_TOLERANCE)
-    if (wrong := ~sound).any():
-        if not np.isfinite(proba[wrong]).all():
-            raise PredictionError(
-                f"{method} gives {int((~np.isfinite(proba)).sum())} probabilities that are not finite; a system that "
-                "abstains by a row of NaN declares its label for that, such as abstains = 'unknown'"
-            )
-        row = int(wrong.argmax())
+        is_valid = (proba.min(axis=1) >= -SUM_TOLERANCE) & (total <= 1 + SUM_TOLERANCE)
+    if is_valid.all():
+        return proba
+    if not np.isfinite(proba[~is_valid]).all():
         raise PredictionError(
-            f"{method} gives values from {proba[row].min():.3g} to {proba[row].max():.3g} with a sum of "
-            f"{total[row]:.3g}, not probabilities; convert scores with scipy.special.softmax(scores, axis=1), or leave "
-            f"{method} out"
+            f"{method} gives {int((~np.isfinite(proba)).sum())} probabilities that are not "
+            "finite; a system that abstains by a row of NaN declares its label for that, such as "
+            "abstains = 'unknown'"
         )
-    return proba
+    row = int(is_valid.argmin())
+    raise PredictionError(
+        f"{method} gives values from {proba[row].min():.3g} to {proba[row].max():.3g} with a sum "
+        f"of {total[row]:.3g}, not probabilities; convert scores with "
+        f"scipy.special.softmax(scores, axis=1), or leave {method} out"
+    )
 
 
 # What happened while it was fitted
 
 
 def reported_fit_seconds(estimator: System, wall: float, cpu: float) -> tuple[float, float]:
-    """``fit_seconds_``: (wall, CPU) seconds of the last fit, or of the wall alone; by default the measured ones."""
+    """``fit_seconds_``: (wall, CPU) seconds of the last fit, or the wall alone; else the given."""
     seconds = getattr(estimator, "fit_seconds_", (wall, cpu))
     return (seconds, cpu) if isinstance(seconds, int | float) else seconds
 
 
 def inner_system(estimator: System) -> System:
-    """``best_``: the fitted system inside a search."""
+    """``best_``: the fitted system inside a search; by default itself."""
     return getattr(estimator, "best_", estimator)
 
 
@@ -407,7 +406,7 @@ def inner_system(estimator: System) -> System:
 
 
 def build_system(factory: Callable, feature_set: Features | None, **parameters: object) -> System:
-    """A system from its factory, with the feature set where it takes one."""
+    """Make a system by its factory, with the feature set if it takes one."""
     names = required_parameters(factory)
     if names and feature_set is not None:
         return factory(**{names[0]: feature_set}, **parameters)
@@ -415,17 +414,20 @@ def build_system(factory: Callable, feature_set: Features | None, **parameters: 
 
 
 def as_pipeline(estimator: System, feature_set: Features | None) -> System:
-    """An estimator that learns from tables behind a feature set; any other one as it is."""
+    """Put an estimator that learns from tables after a feature set; any other stays."""
     if feature_set is None or not reads_tables(estimator):
         return estimator
     return Pipeline([("features", feature_set), ("classifier", estimator)])
 
 
 def reads_tables(system: object) -> bool:
-    """Return True if an estimator, a class or a factory without required arguments learns from tables of features.
+    """Return True if an estimator, class or factory without required arguments reads tables.
 
-    What stands first in it decides: the first step of a pipeline, all members of a union or an ensemble, what a search
-    searches. A class of one's own learns from tables if it is derived from one that does.
+    The first step of a pipeline, all members of a union or an ensemble, and the estimator of a
+    search decide. An own class reads tables if it is derived from one that does.
+
+    Raises:
+        InputError: the factory fails.
     """
     if inspect.isclass(system):
         return not issubclass(system, Pipeline) and _is_tabular(system)
@@ -435,43 +437,37 @@ def reads_tables(system: object) -> bool:
         except InputError:
             raise
         except Exception as e:  # a factory of the user's may raise anything
-            name = getattr(system, "__name__", type(system).__name__)
-            raise InputError(f"model={name}: it cannot be made: {type(e).__name__}: {e}") from e
+            name, reason = getattr(system, "__name__", type(system).__name__), type(e).__name__
+            raise InputError(f"model={name}: it cannot be made: {reason}: {e}") from e
     if isinstance(system, Pipeline):
         return reads_tables(system.steps[0][1])
     values = system.get_params(deep=False) if isinstance(system, BaseEstimator) else {}
-    parts = [
-        part[1]
-        for key in ("transformer_list", "estimators", "transformers")
-        for part in values.get(key) or []
-    ]
-    inner = (part for part in (*parts, values.get("estimator")) if isinstance(part, BaseEstimator))
+    parts = [values.get("estimator")]
+    for key in ("transformer_list", "estimators", "transformers"):
+        parts += [member[1] for member in values.get(key) or []]
+    inner = (part for part in parts if isinstance(part, BaseEstimator))
     return _is_tabular(type(system)) and all(map(reads_tables, inner))
 
 
 def _is_tabular(kind: type) -> bool:
-    """Whether a class, or one it is derived from, is of a package whose estimators learn from tables."""
-    modules = [each.__module__ for each in kind.__mro__]
-    return any(
-        m.split(".")[0] in TABLE_PACKAGES and not m.startswith(("sklearn.base", "sklearn.utils"))
-        for m in modules
-    )
+    """Test if a class, or one of its bases, is from a package whose estimators read tables."""
+    modules = [base.__module__ for base in kind.__mro__]
+    modules = [m for m in modules if not m.startswith(("sklearn.base", "sklearn.utils"))]
+    return any(module.split(".")[0] in TABLE_PACKAGES for module in modules)
 
 
-def untrained_copy(part: Part) -> Part:
-    """An untrained copy of a given estimator; a splitter is returned as it is."""
+def untrained_copy(part: Value) -> Value:
+    """Copy an estimator without what it learnt; a splitter is returned itself."""
     return clone(part) if isinstance(part, BaseEstimator) else part
 
 
 def parts_of(part: object) -> Iterator[object]:
-    """An object, and the estimators, classes and functions among its parameters."""
+    """Yield an object, and the estimators, classes and functions among its parameters."""
     yield part
-    if isinstance(part, BaseEstimator):
-        yield from (
-            v for v in part.get_params().values() if isinstance(v, BaseEstimator) or is_code(v)
-        )
+    values = part.get_params().values() if isinstance(part, BaseEstimator) else ()
+    yield from (value for value in values if isinstance(value, BaseEstimator) or is_code(value))
 
 
 def is_code(value: object) -> TypeGuard[type | FunctionType]:
-    """Whether a value is a class or a function, which are told by their name and source."""
+    """Return True for a class or a function, which a key identifies by name and source."""
     return inspect.isclass(value) or inspect.isfunction(value)
