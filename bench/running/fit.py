@@ -123,13 +123,13 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True, learner: Any
             mlflow.start_run(run_id=run_id),
         ):
             model["code_paths"] = [code]
-            uri = mlflow.pyfunc.log_model(name="model", **model).model_uri
+            saved = mlflow.pyfunc.log_model(name="model", **model)
             if out is not None:  # last: if this is killed before, the command can be repeated
                 with fill_then_rename(out) as folder:
                     mlflow.pyfunc.save_model(str(folder), **model)
     gestures = int((~np.isin(corpus.gestures, corpus.info.get(ASIDE, []))).sum())
     note = "" if watcher is None else learner.sentence
-    return Fitted(cell, recogniser, uri, run_id, gestures, note)
+    return Fitted(cell, recogniser, saved.model_uri, run_id, gestures, note)
 
 
 def _learn_more(learner: Any, cell: Cell, system: contract.System, corpus: Corpus) -> Any:

@@ -172,7 +172,7 @@ def _metric_name(column: str) -> str:
 
 
 def half_margins(curve: pd.DataFrame, clean: float, chance: float) -> pd.DataFrame:
-    """Mean ``loss`` of each fault, and the severity at which half of the margin over chance is lost.
+    """Mean ``loss`` of each fault, and the severity that costs half of the margin over chance.
 
     ``half_margin`` is the first severity, linear between two, at which accuracy is halfway from
     clean to chance: inf where it stays above, NaN for a method that is no better than chance.

@@ -24,12 +24,12 @@ class Nearest(Level):
     def __init__(self, power=1.0):
         self.power = power
 
-    def of(self, frames):
+    def measure_level(self, frames):
         return (frames.astype(float) ** self.power).mean()
 
 
 class FailsToFit(Nearest):
-    def training(self, X, y):
+    def select_training(self, X, y):
         raise RuntimeError("too few")
 
 
@@ -51,7 +51,7 @@ class RemembersInItsClass(Nearest):
 
     seen = {}
 
-    def training(self, X, y):
+    def select_training(self, X, y):
         self.seen.update(zip((frames.tobytes() for frames in X), y, strict=True))
         return X, y
 
@@ -64,12 +64,12 @@ class RemembersInItsClass(Nearest):
 
 
 class CentresOnTheBatch(Nearest):
-    def level(self, X):
-        return super().level(X) - super().level(X).mean()
+    def measure_levels(self, X):
+        return super().measure_levels(X) - super().measure_levels(X).mean()
 
 
 class DependsOnOrder(Nearest):
-    def training(self, X, y):
+    def select_training(self, X, y):
         half = np.arange(len(X)) < len(X) // 2
         half[np.unique(y, return_index=True)[1]] = True
         return X[half], y[half]
@@ -100,7 +100,7 @@ class Seeded(Nearest):
         super().__init__(power)
         self.seed = seed
 
-    def training(self, X, y):
+    def select_training(self, X, y):
         drawn = np.random.default_rng(self.seed).random(len(X)) < 0.5
         drawn[np.unique(y, return_index=True)[1]] = True
         return X[drawn], y[drawn]
@@ -129,24 +129,24 @@ class KeepsState(Nearest):
 
 
 class ReadsTestFrames(Nearest):
-    def training(self, X, y):
+    def select_training(self, X, y):
         self.scale_ = float(shared_frames(X)[0].mean())
         return X, y
 
-    def of(self, frames):
-        return super().of(frames) + frames.max() / self.scale_
+    def measure_level(self, frames):
+        return super().measure_level(frames) + frames.max() / self.scale_
 
 
 class EightByEight(Nearest):
-    def of(self, frames):
-        return super().of(frames.reshape(-1, 8, 8))
+    def measure_level(self, frames):
+        return super().measure_level(frames.reshape(-1, 8, 8))
 
 
 class NeedsTwoFrames(Nearest):
-    def of(self, frames):
+    def measure_level(self, frames):
         if len(frames) < 2:
             raise ValueError("the difference of\none frame")
-        return super().of(frames)
+        return super().measure_level(frames)
 
 
 class CannotBeSaved(Nearest):

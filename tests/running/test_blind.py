@@ -26,7 +26,7 @@ from bench.running.evaluation import evaluate_fold, fit_and_predict
 from bench.running.fold import find_batch_effects
 from bench.running.replay import first_frames
 from tests.conftest import random_corpus
-from tests.running.fakes import Level, cell_of
+from tests.running.fakes import Level, fake_cell
 
 pytestmark = pytest.mark.measured
 HIDDEN = (
@@ -68,8 +68,8 @@ class Reads(Mean):
 class Centred(Mean):
     """Measures pressure from the mean of the captures that it is given together."""
 
-    def level(self, X):
-        return super().level(X) - super().level(X).mean()
+    def measure_levels(self, X):
+        return super().measure_levels(X) - super().measure_levels(X).mean()
 
 
 class Cover(Mean):
@@ -220,8 +220,8 @@ def test_a_fold_fails_where_predict_and_the_probabilities_disagree():
     with pytest.raises(
         PredictionError, match=r"disagree on 6 of 6 captures; .* the order of classes_"
     ):
-        fit_and_predict(cell_of(Swapped), FEW, fold, 1)
-    assert not fit_and_predict(cell_of(Votes), FEW, fold, 1)[1].batch_effects
-    assert fit_and_predict(cell_of(Centred), FEW, fold, 1)[
+        fit_and_predict(fake_cell(Swapped), FEW, fold, 1)
+    assert not fit_and_predict(fake_cell(Votes), FEW, fold, 1)[1].batch_effects
+    assert fit_and_predict(fake_cell(Centred), FEW, fold, 1)[
         1
     ].batch_effects  # other labels in each batch: marked, not failed

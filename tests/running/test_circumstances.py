@@ -21,7 +21,7 @@ from bench.running.evaluation import evaluate_fold, measure_run
 from bench.values import scores
 from bench.values.stability import COLUMNS, clean_labels
 from tests.conftest import random_corpus, with_other_values
-from tests.running.fakes import Level, Memory, cell_of
+from tests.running.fakes import Level, MemoryStore, fake_cell
 
 FEW = ("noise", "early_end")
 CORPUS = random_corpus(per_class=2, grid=(4, 4))
@@ -44,22 +44,22 @@ class Recorder(Level):
         return self
 
 
-def once(*circumstances, system=Level):
+def evaluate_once(*circumstances, system=Level):
     """A fold of a system of tests, and the run of it."""
-    cell = cell_of(system, *circumstances)
+    cell = fake_cell(system, *circumstances)
     result = evaluate_fold(cell, CORPUS, FOLD, 1)
     return result, measure_run(SimpleNamespace(corpus=CORPUS, cell=cell), ABOUT, [result])
 
 
-def recorded(corpus, *more):
+def evaluate_recorded(corpus, *more):
     Recorder.seen = []
-    return evaluate_fold(cell_of(Recorder, Faults(FEW), *more), corpus, FOLD, 1), Recorder.seen
+    return evaluate_fold(fake_cell(Recorder, Faults(FEW), *more), corpus, FOLD, 1), Recorder.seen
 
 
 @pytest.fixture(scope="module")
 def stressed():
     """A fold with two faults and one or two training subjects besides, and every fit in it."""
-    return recorded(CORPUS, Subjects((1, 2)))
+    return evaluate_recorded(CORPUS, Subjects((1, 2)))
 
 
 def test_only_clean_training_captures_are_seen_and_faults_leave_what_was_learned(stressed):
@@ -67,7 +67,7 @@ def test_only_clean_training_captures_are_seen_and_faults_leave_what_was_learned
     assert np.array_equal(index, TRAIN)
     assert all(np.array_equal(a, CORPUS[int(i)]) for a, i in zip(frames, TRAIN, strict=True))
     assert pickle.dumps(vars(model)) == learned
-    _, others = recorded(with_other_values(CORPUS, TEST))
+    _, others = evaluate_recorded(with_other_values(CORPUS, TEST))
     assert len(others) == 1 and others[0][3] == learned  # fitted once, whatever the faults
     table = result.tables["labels"]
     assert set(table) == {"fold", "capture", "true", *(COLUMNS - {"hit"}), "subject", "repetition"}
@@ -97,7 +97,7 @@ def test_labels_under_a_fault_are_those_of_the_damaged_captures_and_clean_ones_t
     stressed,
 ):
     result = stressed[0]
-    table, whole = result.tables["labels"], once()[0].table
+    table, whole = result.tables["labels"], evaluate_once()[0].table
     pd.testing.assert_frame_equal(result.table, whole)
     expected, clean = scores.label_captures(whole), clean_labels(table)
     for column in ("fold", "capture", "true", "predicted", "subject"):
@@ -136,7 +136,7 @@ class Shy(Level):
 
 
 def test_abstentions_are_wrong_in_every_circumstance_and_their_share_is_told():
-    _, run = once(Faults(("noise",)), Instants((250.0, 1000.0)), system=Shy)
+    _, run = evaluate_once(Faults(("noise",)), Instants((250.0, 1000.0)), system=Shy)
     system, shares = Shy().fit(CORPUS[TRAIN], CORPUS.gestures[TRAIN]), as_shares(CORPUS, TEST)
     for severity, row in run.tables["faults"].set_index("severity").iterrows():
         proba = system.predict_proba(
@@ -151,9 +151,9 @@ def test_abstentions_are_wrong_in_every_circumstance_and_their_share_is_told():
 
 def test_one_run_in_several_circumstances_has_what_a_run_in_each_has():
     every = (Faults(("noise",)), Instants((250.0, 1000.0)), Subjects((1,)))
-    together, measured = once(*every)
+    together, measured = evaluate_once(*every)
     for one in every:
-        alone, run = once(one)
+        alone, run = evaluate_once(one)
         pd.testing.assert_frame_equal(alone.table, together.table)
         for name, table in alone.tables.items():
             found = together.tables[name]
@@ -184,13 +184,13 @@ def test_one_run_in_several_circumstances_has_what_a_run_in_each_has():
 def test_a_circumstance_that_fails_in_a_fold_leaves_the_others_and_is_tried_again(
     monkeypatch, capsys
 ):
-    memory, replayed = Memory(), Instants.evaluate_fold
+    memory, replayed = MemoryStore(), Instants.evaluate_fold
     monkeypatch.setattr(loop, "connect", lambda writes: memory)
     monkeypatch.setattr("bench.plan.plan.open_corpus", lambda *_: CORPUS)
     (cell,) = make_cells({"model": "bayes", "features": "jung28"})
 
-    def run(circumstance):
-        monkeypatch.setattr(Instants, "fold", circumstance)
+    def run(evaluate):
+        monkeypatch.setattr(Instants, "evaluate_fold", evaluate)
         every = (Faults(("noise",)), Instants((250.0,)))
         return *loop.run_plans(
             make_plans([replace(cell, circumstances=every)], 1)

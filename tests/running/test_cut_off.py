@@ -17,7 +17,7 @@ from bench.running.tracking import TrackedRun
 from bench.store.client import connect
 from tests import conftest
 from tests.conftest import runs
-from tests.running.fakes import DONE, Echo, Memory
+from tests.running.fakes import DONE, Echo, MemoryStore
 
 SMALL = ["model=bayes", "features=jung28", *conftest.SMALL[:-1]]
 
@@ -30,7 +30,7 @@ def die(*_, **__):
     raise Killed
 
 
-def killed_in(monkeypatch, owner, name, command):
+def kill_in(monkeypatch, owner, name, command):
     with monkeypatch.context() as patched:
         patched.setattr(owner, name, die)
         with pytest.raises(Killed):
@@ -39,7 +39,7 @@ def killed_in(monkeypatch, owner, name, command):
 
 @pytest.fixture
 def store(monkeypatch):
-    memory = Memory()
+    memory = MemoryStore()
     monkeypatch.setattr(loop, "connect", lambda writes: memory)
     return memory
 
@@ -52,7 +52,7 @@ def command():
 @pytest.mark.parametrize("step", ["log_values", "log_artifact", "set_status", "delete_artifact"])
 def test_a_run_that_was_only_begun_is_made_again_with_all_it_needs(step, store, monkeypatch):
     """Killed at each step of the store in turn."""
-    killed_in(monkeypatch, store, step, command)
+    kill_in(monkeypatch, store, step, command)
     (outcome,) = command()
     (run,) = store.runs_of_kind("echo")
     assert run.info.status == "FINISHED" and run.data.params["model"] == "bayes"
@@ -67,7 +67,7 @@ def test_a_run_that_was_only_begun_is_made_again_with_all_it_needs(step, store, 
     "harm", [lambda b: b[:-20], lambda b: b[: len(b) // 2] + b"x" + b[len(b) // 2 + 1 :]]
 )
 def test_a_fold_that_is_cut_off_or_damaged_is_done_again(harm, store, monkeypatch):
-    killed_in(monkeypatch, TrackedRun, "store_result", command)
+    kill_in(monkeypatch, TrackedRun, "store_result", command)
     (run,) = store.runs_of_kind("echo")
     path = run.folder / "folds" / "1.zip"
     path.write_bytes(harm(path.read_bytes()))
@@ -85,13 +85,13 @@ def test_trials_and_choices_of_any_type_are_the_same_in_memory_and_after_a_resum
 ):
     """How columns of each type are stored, is in tests/test_values.py."""
     among = pd.DataFrame([[Echo, 8 / 3, "auto"], [Echo, 0.25, 8]], columns=["kind", 7, "C"])
-    told = {"trials": among, "chosen": {"states": ("stuck", "dead"), "n": np.int64(3), 7: None}}
-    told["history"] = [{"loss": 1 / 3}, {"loss": 1 / 9}]
+    more = {"trials": among, "chosen": {"states": ("stuck", "dead"), "n": np.int64(3), 7: None}}
+    more["history"] = [{"loss": 1 / 3}, {"loss": 1 / 9}]
     fold, tables = Echo.evaluate_fold, []
-    monkeypatch.setattr(Echo, "fold", lambda *all: replace(fold(*all), **told))
+    monkeypatch.setattr(Echo, "evaluate_fold", lambda *all: replace(fold(*all), **more))
     for killed in (True, False):
         if killed:
-            killed_in(monkeypatch, TrackedRun, "store_result", command)
+            kill_in(monkeypatch, TrackedRun, "store_result", command)
         (result,) = command()
         tables.append([result.tables[name] for name in ("trials", "chosen", "history")])
         store.kept.clear()
@@ -125,7 +125,7 @@ def test_a_fit_that_is_cut_off_can_be_repeated(monkeypatch):
         with pytest.raises(Killed):
             fit()
     assert not Path("saved").exists()
-    killed_in(monkeypatch, connect().__class__, "log", fit)
+    kill_in(monkeypatch, connect().__class__, "log_values", fit)
     assert "RUNNING" in [r.info.status for r in runs("fit")[1]]
     assert fit() == 0 and (Path("saved") / "MLmodel").is_file()
     assert "RUNNING" not in [r.info.status for r in connect().runs_of_kind("fit")]

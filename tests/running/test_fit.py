@@ -106,7 +106,7 @@ def test_a_saved_system_decides_as_the_estimator_as_surely_as_it_may(shipped, mo
         "predict_ms_p99",
         "parameters",
     } <= set(run.data.metrics)
-    assert run.data.tags["system"] == shipped.cell.system() and run.data.params["captures"] == str(
+    assert run.data.tags["system"] == shipped.cell.system_name() and run.data.params["captures"] == str(
         len(corpus)
     )
 
@@ -153,7 +153,7 @@ def test_what_cannot_be_fitted_or_loaded_is_refused(monkeypatch, capsys):
 def test_files_are_labelled_whatever_their_format_and_a_bad_one_is_one_line(monkeypatch, capsys):
     corpus = random_corpus(grid=(3, 4))
     system = Level().fit(corpus, corpus.gestures)
-    monkeypatch.setattr("bench.running.saved.load_recogniser", lambda _: Recogniser(system, corpus))
+    monkeypatch.setattr("bench.commands.predict.load_recogniser", lambda _: Recogniser(system, corpus))
     table = as_table(corpus, origin=1)
     table.assign(gesture="?")[["gesture", *table.columns[::-1]]].to_csv("new.csv", index=False)
     offsets = np.append(0, np.cumsum(corpus.lengths))

@@ -18,28 +18,27 @@ from bench.running import loop, workers
 from bench.running.fold import peak_memory, reset_peak_memory
 from bench.running.loop import Interrupted, estimate_seconds, run_plans
 from bench.running.workers import FoldExecutor
-from tests.running.fakes import DONE, MEASURED, Echo, Memory
+from tests.running.fakes import DONE, MEASURED, Echo, MemoryStore
 
-SMALL = ["data.subjects=4", "data.variants=normal", "jobs=2"]
 TINY = {"data.subjects": 4, "data.variants": "normal", "data.repetitions": 1}
 
 
 class Backwards(FoldExecutor):
-    """Folds in this process, the last one first; they are cut off before fold number ``stop`` is done."""
+    """Runs folds in this process, the last one first; cut off before fold number ``stop``."""
 
-    stop, how = -1, KeyboardInterrupt
+    stop, error = -1, KeyboardInterrupt
 
     def run_folds(self, plan, missing):
         for fold in reversed(missing):
             if len(DONE) == self.stop:
-                raise self.how
+                raise self.error
             yield from super().run_folds(plan, [fold])
 
 
 @pytest.fixture
 def store(monkeypatch):
     DONE.clear()
-    memory = Memory()
+    memory = MemoryStore()
     monkeypatch.setattr(loop, "connect", lambda writes: memory)
     monkeypatch.setattr(workers, "ProcessExecutor", Backwards)
     monkeypatch.setattr(Echo, "fails", {})
@@ -52,135 +51,102 @@ def plan():
     return plan
 
 
-def todo(plan, *numbers):
+def echo_plans(plan, *numbers):
     return [plan.with_cell(replace(plan.cell, run_kind=Echo(number))) for number in numbers]
 
 
-def test_outcomes_come_in_the_order_of_the_plans_and_folds_in_that_of_the_protocol(
-    store, plan, capsys, monkeypatch
-):
-    monkeypatch.setattr(
-        Echo, "fold_metrics", lambda self, result, rate_hz: {"score": int(result.name) / 3}
-    )
-    outcomes = run_plans(todo(plan, 0, 1, 0))  # the same again is computed once
-    assert [o["echo.number"] for o in outcomes] == ["0", "1", "0"] and store.statuses() == [
-        "FINISHED"
-    ] * 2
-    assert "run 2 of 2" in (said := capsys.readouterr().err) and "stored" not in said
-    assert (
-        len(run_plans(todo(plan, 1))) == 1
-        and "1 of 1 run already stored" in capsys.readouterr().err
-    )
-    assert (
-        len(run_plans(todo(plan, 1, 0, 1))) == 3
-        and capsys.readouterr().err.strip() == "2 of 2 runs already stored"
-    )
-    assert (
-        DONE == [(n, f) for n in range(2) for f in "4321"]
-        and outcomes[2]["run_id"] == outcomes[0]["run_id"]
-    )
-    for outcome in outcomes:
-        predictions, folds = outcome.tables["predictions"], outcome.tables["folds"]
+def test_results_have_the_order_of_the_plans_and_folds_that_of_the_protocol(store, plan, capsys):
+    results = run_plans(echo_plans(plan, 0, 1, 0))  # the same again is computed once
+    assert [result["echo.number"] for result in results] == ["0", "1", "0"]
+    assert store.statuses() == ["FINISHED"] * 2
+    lines = capsys.readouterr().err
+    assert "run 2 of 2" in lines and "stored" not in lines
+    for numbers, line in (((1,), "1 of 1 run"), ((1, 0, 1), "2 of 2 runs")):
+        assert len(run_plans(echo_plans(plan, *numbers))) == len(numbers)
+        assert capsys.readouterr().err.strip() == f"{line} already stored"
+    assert DONE == [(number, fold) for number in range(2) for fold in "4321"]
+    assert results[2]["run_id"] == results[0]["run_id"]
+    scores = [1 / 3, 2 / 3, 1, 4 / 3]
+    for result in results:
+        predictions, folds = result.tables["predictions"], result.tables["folds"]
         assert predictions["capture"].tolist() == [int(i) for i in plan.corpus.index]
-        assert outcome.is_complete and not outcome.errors and "fold/score" not in outcome
-        assert outcome.metrics == {"captures": len(plan.corpus), "folds": 4, "folds_failed": 0}
-        assert folds["fold"].tolist() == [*"1234"] and folds["score"].tolist() == [
-            1 / 3,
-            2 / 3,
-            1,
-            4 / 3,
-        ]
+        assert result.is_complete and not result.errors and "fold/score" not in result
+        assert result.metrics == {"captures": len(plan.corpus), "folds": 4, "folds_failed": 0}
+        assert folds["fold"].tolist() == [*"1234"] and folds["score"].tolist() == scores
         assert {*folds["status"]} == {"FINISHED"} and {*folds["error"]} == {""}
-    for run in store.runs_of_kind(
-        "echo"
-    ):  # the folds are tables of the run, and steps of its numbers
-        assert [run.data.steps[i]["fold/score"] for i in range(4)] == [1 / 3, 2 / 3, 1, 4 / 3]
+    for run in store.runs_of_kind("echo"):  # scores of folds are steps of a metric
+        assert [run.data.steps[i]["fold/score"] for i in range(4)] == scores
         assert not (run.folder / "folds").exists()
 
 
 def test_the_time_left_is_that_of_finished_folds(store, plan):
-    """Of the run itself, else of one that differs in its protocol; the folds that failed do not count."""
-    run_plans(todo(plan, 0))
+    """Of the run itself, else of one that differs in its protocol; failed folds do not count."""
+    run_plans(echo_plans(plan, 0))
     table = pd.DataFrame(
         {"status": ["FINISHED", "FINISHED", "FAILED"], "seconds": [2.0, 4.0, 90.0]}
     )
     table.to_parquet(store.runs_of_kind("echo")[0].folder / "folds.parquet")
     protocol = replace(plan.cell.protocol, name="kfold")
-    like = (plan.with_cell(replace(plan.cell, run_kind=Echo(0), protocol=protocol)), 4)
-    other, none = estimate_seconds(store, [like, (todo(plan, 2)[0], 4)])
-    assert other == pytest.approx(4 * 3 / min(plan.workers, 4)) and none is None
+    similar = plan.with_cell(replace(plan.cell, run_kind=Echo(0), protocol=protocol))
+    unfinished = [(similar, 4), (echo_plans(plan, 2)[0], 4)]
+    seconds, unknown = estimate_seconds(store, unfinished)
+    assert seconds == pytest.approx(4 * 3 / min(plan.workers, 4)) and unknown is None
 
 
 @pytest.mark.parametrize(
-    ("how", "error"), [(KeyboardInterrupt, Interrupted), (ClusterError, ClusterError)]
+    ("error", "raised"), [(KeyboardInterrupt, Interrupted), (ClusterError, ClusterError)]
 )
-def test_what_is_cut_off_goes_on_and_ends_the_same(how, error, store, plan, monkeypatch):
+def test_a_run_that_is_cut_off_goes_on_and_ends_the_same(error, raised, store, plan, monkeypatch):
     monkeypatch.setattr(Backwards, "stop", 5)
-    monkeypatch.setattr(Backwards, "how", how)
-    with pytest.raises(error):
-        run_plans(todo(plan, 0, 1))
+    monkeypatch.setattr(Backwards, "error", error)
+    with pytest.raises(raised):
+        run_plans(echo_plans(plan, 0, 1))
     assert len(DONE) == 5 and store.statuses() == ["FINISHED", "KILLED"]
     monkeypatch.setattr(Backwards, "stop", -1)
-    resumed = run_plans(todo(plan, 0, 1))
+    resumed, folds = run_plans(echo_plans(plan, 0, 1)), {**MEASURED}
     assert len(DONE) == 8 and len({*DONE}) == 8 and store.statuses() == ["FINISHED"] * 2
-    folds = {**MEASURED}
-    monkeypatch.setattr(loop, "connect", lambda writes: Memory())
-    for number, (a, b) in enumerate(zip(resumed, run_plans(todo(plan, 0, 1)), strict=True)):
-        assert a.tables["predictions"].equals(b.tables["predictions"]) and a.metrics == b.metrics
-        assert [vars(r) | {"predictions": 0, "seconds": 0, "scored": 0} for r in folds[number]] == [
-            vars(r) | {"predictions": 0, "seconds": 0, "scored": 0} for r in MEASURED[number]
-        ]
+    monkeypatch.setattr(loop, "connect", lambda writes: MemoryStore())
+    at_once = run_plans(echo_plans(plan, 0, 1))
+    ignored = {"predictions": 0, "seconds": 0}
+    for number, (one, other) in enumerate(zip(resumed, at_once, strict=True)):
+        assert one.tables["predictions"].equals(other.tables["predictions"])
+        assert one.metrics == other.metrics
+        before, after = (
+            [vars(fold) | ignored for fold in measured[number]] for measured in (folds, MEASURED)
+        )
+        assert before == after
 
 
-def test_a_failed_fold_is_recorded_the_others_go_on_and_it_alone_is_tried_again(
-    store, plan, monkeypatch, capsys
-):
-    monkeypatch.setattr(
-        Echo,
-        "fails",
-        {"2": SystemExit("enough \udcff"), "3": ValueError("not finite\n  at frame 7")},
-    )
-    (outcome,) = run_plans(todo(plan, 0))
-    assert (
-        [r.name for r in MEASURED[0]] == ["1", "4"]
-        and not outcome.is_complete
-        and set(outcome.errors) == {"2", "3"}
-    )
-    assert "ValueError: not finite" in Path(outcome.errors["3"].where).read_text()
-    assert store.statuses() == ["FAILED"] and outcome.folds == "2/4"
-    assert outcome.tables["folds"]["status"].tolist() == [
-        "FINISHED",
-        "FAILED",
-        "FAILED",
-        "FINISHED",
-    ]
-    errors = outcome.tables["folds"]["error"].tolist()
-    said = [error.partition(" (fakes.py, line ")[0] for error in errors]
-    assert (
-        said == ["", "SystemExit: enough \\udcff", "ValueError: not finite", ""] and said != errors
-    )
-    err = capsys.readouterr().err
-    assert f"fold 2 failed: {errors[1]}\n" in err and f"fold 3 failed: {errors[2]}\n" in err
+def test_a_failed_fold_is_recorded_and_it_alone_is_tried_again(store, plan, monkeypatch, capsys):
+    errors = {"2": SystemExit("enough \udcff"), "3": ValueError("not finite\n  at frame 7")}
+    monkeypatch.setattr(Echo, "fails", errors)
+    (result,) = run_plans(echo_plans(plan, 0))
+    assert [fold.name for fold in MEASURED[0]] == ["1", "4"] and not result.is_complete
+    assert set(result.errors) == {"2", "3"} and result.folds == "2/4"
+    assert "ValueError: not finite" in Path(result.errors["3"].where).read_text()
+    assert store.statuses() == ["FAILED"]
+    folds = result.tables["folds"]
+    assert folds["status"].tolist() == ["FINISHED", "FAILED", "FAILED", "FINISHED"]
+    reasons = folds["error"].tolist()
+    short = [reason.partition(" (fakes.py, line ")[0] for reason in reasons]
+    assert short == ["", "SystemExit: enough \\udcff", "ValueError: not finite", ""] != reasons
+    lines = capsys.readouterr().err
+    assert f"fold 2 failed: {reasons[1]}\n" in lines and f"fold 3 failed: {reasons[2]}\n" in lines
     Echo.fails.clear()
     DONE.clear()
-    (outcome,) = run_plans(todo(plan, 0))
-    assert DONE == [(0, "3"), (0, "2")] and not outcome.errors and store.statuses() == ["FINISHED"]
-    monkeypatch.setattr(Echo, "fails", {f: ValueError() for f in "1234"})
-    (outcome,) = run_plans(todo(plan, 1))
-    assert (
-        not outcome.has_scores
-        and outcome.metrics == {"folds": 0, "folds_failed": 4}
-        and store.statuses()[1] == "FAILED"
-    )
+    (result,) = run_plans(echo_plans(plan, 0))
+    assert DONE == [(0, "3"), (0, "2")] and not result.errors and store.statuses() == ["FINISHED"]
+    monkeypatch.setattr(Echo, "fails", {fold: ValueError() for fold in "1234"})
+    (result,) = run_plans(echo_plans(plan, 1))
+    assert not result.has_scores and result.metrics == {"folds": 0, "folds_failed": 4}
+    assert store.statuses()[1] == "FAILED"
 
 
 def test_a_run_of_another_process_ends_the_command_after_those_before_it(store, plan):
-    one, two = todo(plan, 0, 1)
-    (data_folder() / "locks").mkdir(parents=True)
-    with (
-        FileLock(data_folder() / "locks" / f"{two.key}.lock"),
-        pytest.raises(InputError, match="another process"),
-    ):
+    one, two = echo_plans(plan, 0, 1)
+    locks = data_folder() / "locks"
+    locks.mkdir(parents=True)
+    with FileLock(locks / f"{two.key}.lock"), pytest.raises(InputError, match="another process"):
         run_plans([one, two])
     assert {number for number, _ in DONE} == {0} and store.statuses() == ["FINISHED"]
     assert len(run_plans([one, two])) == 2  # all locks are free again
@@ -188,9 +154,9 @@ def test_a_run_of_another_process_ends_the_command_after_those_before_it(store, 
 
 def test_a_run_names_its_machines(store, plan, monkeypatch):
     machines = iter([Machine("fast", "avx2"), Machine("slow", "sse")] * 2)
-    monkeypatch.setattr("bench.running.workers.this_machine", lambda: next(machines))
+    monkeypatch.setattr(workers, "this_machine", lambda: next(machines))
     for _ in range(2):  # as it ends, and as it is stored
-        (run,) = run_plans(todo(plan, 0))
+        (run,) = run_plans(echo_plans(plan, 0))
         assert run["cpu"] == "fast; slow" and run["simd"] == "avx2; sse"
 
 
@@ -204,10 +170,9 @@ def test_peak_memory_is_that_of_the_fold_alone():
     assert peak_memory() < before + 240_000_000
 
 
-def test_cores_are_shared_out():
+@pytest.mark.parametrize("jobs", [1, 2, 3, 64])
+def test_cores_are_shared_out(jobs):
     cores = len(os.sched_getaffinity(0))
     assert share_cores(None, 100) == (cores, 1) and share_cores(None, 1) == (1, cores)
-    assert share_cores(1, 100) == (1, cores)
-    for jobs in (1, 2, 3, 64):
-        workers, threads = share_cores(jobs, 10)
-        assert workers * threads <= cores
+    processes, threads = share_cores(jobs, 10)
+    assert processes * threads <= cores

@@ -37,7 +37,7 @@ from bench.values.stopping import (
     stopping_decisions,
 )
 from tests.conftest import random_corpus, with_other_values
-from tests.running.fakes import Level, cell_of
+from tests.running.fakes import Level, fake_cell
 
 STREAM = Instants((), 100.0, stopping=True)  # as after=each hop_ms=100 stopping=yes makes it
 
@@ -195,7 +195,7 @@ def test_a_temperature_is_recovered():
     )
 
 
-def surely(table):
+def settle_by_probability(table):
     """Settled as far as the label is probable."""
     return table.assign(settled=table.filter(like="p_").max(axis=1))
 
@@ -233,7 +233,7 @@ def test_waiting_is_the_ridge_regression_of_what_the_last_decision_gains():
 
 def test_stopping_as_calculated_by_hand():
     corpus = coded_corpus()
-    table = surely(
+    table = settle_by_probability(
         replay_captures(
             Rising().fit(corpus, corpus.gestures), corpus, "x", np.arange(6), np.arange(1, 13)
         )
@@ -294,7 +294,9 @@ def test_stopping_never_looks_at_later_frames(seed, threshold):
             estimator, corpus, "x", np.arange(len(corpus)), np.array([1, 2, 4, 6, 12])
         )
         return stopping_decisions(
-            surely(table) if seed % 2 else add_settledness(table, calibration, waiting, 100.0),
+            settle_by_probability(table)
+            if seed % 2
+            else add_settledness(table, calibration, waiting, 100.0),
             threshold,
         )
 
@@ -310,12 +312,12 @@ def leveled():
     """A small corpus, a fold of it, and what a replay makes of it with a system that learns from levels."""
     corpus = random_corpus(subjects=4, per_class=2, grid=(3, 4))
     fold = Fold("2", np.flatnonzero(corpus.subjects != "2"), np.flatnonzero(corpus.subjects == "2"))
-    return corpus, fold, evaluate_fold(cell_of(Level, STREAM), corpus, fold, 1)
+    return corpus, fold, evaluate_fold(fake_cell(Level, STREAM), corpus, fold, 1)
 
 
 def test_no_test_subject_has_a_say_in_calibration_and_threshold(leveled):
     corpus, fold, first = leveled
-    other = evaluate_fold(cell_of(Level, STREAM), with_other_values(corpus, fold.test), fold, 1)
+    other = evaluate_fold(fake_cell(Level, STREAM), with_other_values(corpus, fold.test), fold, 1)
     for name in ("rules", "thresholds"):
         assert first.tables[name].equals(other.tables[name])
     assert not first.tables["replay"].equals(other.tables["replay"])
@@ -355,7 +357,7 @@ def test_captures_that_cannot_teach_when_to_stop_are_refused_in_words():
 def test_a_fold_scores_whole_captures_as_bench_run_and_stops_as_it_has_learned(leveled):
     """Labels of whole captures are those of a plain run; times are 10 ms a frame."""
     corpus, fold, result = leveled
-    plain, replay = evaluate_fold(cell_of(Level), corpus, fold, 1), result.tables["replay"]
+    plain, replay = evaluate_fold(fake_cell(Level), corpus, fold, 1), result.tables["replay"]
     pd.testing.assert_frame_equal(result.table, plain.table)
     labelled = stopping_decisions(replay, np.inf).set_index("capture").loc[plain.table["capture"]]
     np.testing.assert_allclose(labelled.filter(like="p_"), plain.table.filter(like="p_"), rtol=1e-6)
@@ -364,15 +366,17 @@ def test_a_fold_scores_whole_captures_as_bench_run_and_stops_as_it_has_learned(l
         standing_decisions(replay, 25),
     )
     run = measure_run(
-        SimpleNamespace(corpus=corpus, cell=cell_of(Level, STREAM)), {"target": "gesture"}, [result]
+        SimpleNamespace(corpus=corpus, cell=fake_cell(Level, STREAM)),
+        {"target": "gesture"},
+        [result],
     ).metrics
     assert (
-        result.scored["replay_accuracy"]
+        result.tracked_metrics["replay_accuracy"]
         == run["replay_accuracy"]
         == run["accuracy"]
         == plain.tracked_metrics["accuracy"]
     )
-    assert result.scored["adaptive_accuracy"] == (early["true"] == early["predicted"]).mean()
+    assert result.tracked_metrics["adaptive_accuracy"] == (early["true"] == early["predicted"]).mean()
     assert (
         run["adaptive_ms"] == 10 * early["frames"].mean()
         and run["mean_ms"] == 10 * corpus.lengths[fold.test].mean()

@@ -19,7 +19,7 @@ from bench.values import scores
 from tests.conftest import predictions, runs
 from tests.reading.test_choice import run as costly
 from tests.reports.conftest import quick  # noqa: F401
-from tests.results import made_up, result
+from tests.reading.results import make_predictions, make_result
 from touchbench_chip import fold as onchip
 from touchbench_chip import measure as compiled
 from touchbench_chip import network
@@ -68,7 +68,7 @@ def test_labels_of_c_are_tracked_beside_those_of_python_and_drawn(costs, quick, 
     assert main(["run", "form=c", "model=bayes", "bits=8", few, *SMALL]) == 0
     out = capsys.readouterr().out
     assert "in Python" in out and "60,000" in out and "9.0" in out
-    one = result(metrics=COSTS | {"c_accuracy": 0.5, "accuracy": 0.5}, **{"chip.bits": 8})
+    one = make_result(metrics=COSTS | {"c_accuracy": 0.5, "accuracy": 0.5}, **{"chip.bits": 8})
     (row,) = table_of_runs([one], load_views()["form"]).texts
     assert [row[name] for name in ("library RAM kB", "program RAM kB", "stack B")] == [
         "3.0",
@@ -163,7 +163,7 @@ def test_a_chip_is_measured():
 
 def test_c_is_a_candidate_with_its_own_size_and_cycles():
     chip = {"chip_ram_bytes": 1000.0, "chip_most_instructions": 6e4}
-    c = {"c": made_up(per_class=1)}
+    c = {"c": make_predictions(per_class=1)}
     sizes = {"32": 9000.0, "8": 5000.0}
     in_c = [
         costly("lda", None, c, **chip, **{"chip_flash_bytes": n, "chip.bits": b})

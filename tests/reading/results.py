@@ -16,7 +16,7 @@ NAMES = ("fold", "capture", "start", "frames", "true", "subject", *(f"p_{g}" for
 _started = count(1)  # later results are newer
 
 
-def made_up(
+def make_predictions(
     subjects=4, per_class=4, skill=0.7, seed=0, windows=1, gestures=GESTURES, hard=False, folds=None
 ):
     """A predictions table; a subject's captures are right with a probability around ``skill``."""
@@ -37,7 +37,7 @@ def made_up(
     return pd.DataFrame(rows, columns=[*NAMES[:6], *(f"p_{g}" for g in gestures)])
 
 
-def with_hits(hits, of=20):
+def predictions_with_hits(hits, of=20):
     """A predictions table in which of each subject's ``of`` captures as many are right as ``hits`` says."""
     rows = []
     for s, right in enumerate(hits, 1):
@@ -49,7 +49,7 @@ def with_hits(hits, of=20):
     return pd.DataFrame(rows, columns=NAMES)
 
 
-def result(system="svm", kind="cell", metrics=(), tables=None, failed=0, **about):
+def make_result(system="svm", kind="cell", metrics=(), tables=None, failed=0, **about):
     """A result of a kind of run with these numbers and tables."""
     number = next(_started)
     usual = {
@@ -83,7 +83,7 @@ def result(system="svm", kind="cell", metrics=(), tables=None, failed=0, **about
     return Result(parts | about, counts | dict(metrics), tables or {})
 
 
-def evaluated(
+def make_run(
     system="svm",
     predictions=None,
     failed=0,
@@ -94,7 +94,7 @@ def evaluated(
     **about,
 ):
     """A result of ``bench run`` with these predictions."""
-    predictions = made_up(per_class=1) if predictions is None else predictions
+    predictions = make_predictions(per_class=1) if predictions is None else predictions
     sizes = {
         "fit_seconds": 3.0,
         "parameters": 1000,
@@ -118,15 +118,15 @@ def evaluated(
     usual = {"protocol_label": f"LOSO ({predictions['subject'].nunique()} subjects)"}
     usual |= {"test_over_train": repr(1 / (every - 1)) if every > 1 else ""}
     numbers |= {"folds": len(names), "folds_failed": failed} | dict(metrics)
-    return result(system, kind, numbers, tables, failed, **usual | about)
+    return make_result(system, kind, numbers, tables, failed, **usual | about)
 
 
-def case(table, circumstance="", case="none", level=0, amount="", **columns):
+def rows_of_case(table, circumstance="", case="none", level=0, amount="", **columns):
     """Labels of captures in a case, as the table ``labels`` has them."""
     return table.assign(circumstance=circumstance, case=case, level=level, amount=amount, **columns)
 
 
-def under_stress(table, system="svm", **about):
+def analyse_labels(table, system="svm", **about):
     """A result of ``bench stress`` with this table of labels, analysed as the run does."""
     asked = {"labels": table}
     faulty, fewer = (table[table["circumstance"] == c.key] for c in (Faults, Subjects))
@@ -144,7 +144,7 @@ def under_stress(table, system="svm", **about):
     measured, made = find_failing_slices(
         pd.concat([clean, faulty], ignore_index=True), words, about.get("target", "gesture")
     )
-    return result(system, metrics=numbers | measured, tables=tables | made, **about)
+    return make_result(system, metrics=numbers | measured, tables=tables | made, **about)
 
 
 HAART = {
@@ -155,7 +155,7 @@ HAART = {
 }
 
 
-def stressed(system, accuracy, losses, more=(), tables=None, **about):
+def make_stress_run(system, accuracy, losses, more=(), tables=None, **about):
     """A result of ``bench stress`` with losses by fault."""
     metrics = {
         "accuracy": accuracy,
@@ -164,12 +164,12 @@ def stressed(system, accuracy, losses, more=(), tables=None, **about):
         "worst.subject": accuracy / 2,
     }
     metrics |= {f"loss.{fault}": loss for fault, loss in losses.items()} | dict(more)
-    return evaluated(
+    return make_run(
         system, metrics=metrics, tables=tables, **HAART | {"faults": ", ".join(losses)} | about
     )
 
 
-def streamed(system, start="onset", hop="None", tables=None, metrics=(), **about):
+def make_replay_run(system, start="onset", hop="None", tables=None, metrics=(), **about):
     """A result of ``after=each``, with its tables."""
     numbers = {
         "replay_accuracy": 0.7,
@@ -194,9 +194,9 @@ def streamed(system, start="onset", hop="None", tables=None, metrics=(), **about
         "stream.after": "each",
         "stream.stopping": True,
     }
-    return evaluated(system, metrics=numbers, tables=usual, **HAART | options | about)
+    return make_run(system, metrics=numbers, tables=usual, **HAART | options | about)
 
 
-def systems_of(results):
+def system_names(results):
     """Names of the systems of some results, in their order."""
     return [r["system"] for r in results]
