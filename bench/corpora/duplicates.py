@@ -9,71 +9,85 @@ import numpy as np
 
 from bench.corpora.corpus import Corpus
 
-CHANGES = 8  # readings that change in a capture, below which two captures can be equal by chance
+LEAST_CHANGES = 8  # readings that change in a capture; with fewer, two can be equal by chance
 
 
 def identical_groups(
     captures: Sequence[np.ndarray] | Corpus, full_scales: Sequence[float] | None = None
 ) -> list[list[int]]:
-    """Groups of captures that have the same frames: equal in number, grid and every reading.
+    """Groups of captures with the same frames: equal in number, grid and every reading.
 
-    Only captures with equal middle frames are read as a whole, so that it costs little where nothing is the same. With
-    a full scale for each capture, readings are compared as shares of it. Positions rise, within groups and in their
-    first captures.
+    Only captures with equal middle frames are read as a whole, so it costs little if nothing is
+    the same.
+
+    Args:
+        captures: frames of each capture.
+        full_scales: a full scale for each capture, to compare readings as shares of it.
+
+    Returns:
+        Positions, which rise within groups and in their first captures.
     """
 
-    def alike(positions: Iterable[int], whole: bool) -> list[list[int]]:
+    def group_equal(positions: Iterable[int], whole: bool) -> list[list[int]]:
         groups: dict[Hashable, list[int]] = {}
         for i in positions:
-            some = captures[i] if whole else captures[i][len(captures[i]) // 2 :][:1]
-            values = (some / (full_scales[i] if full_scales else 1.0) + 0).astype(
-                np.float32
-            )  # a zero has no sign
+            frames = captures[i] if whole else captures[i][len(captures[i]) // 2 :][:1]
+            shares = frames / (full_scales[i] if full_scales else 1.0)
+            values = (shares + 0).astype(np.float32)  # a zero has no sign
             key = captures[i].shape, blake2b(values.tobytes(), digest_size=16).digest()
             groups.setdefault(key, []).append(i)
         return [group for group in groups.values() if len(group) > 1]
 
-    return sorted(
-        group for likely in alike(range(len(captures)), False) for group in alike(likely, True)
-    )
+    likely = group_equal(range(len(captures)), whole=False)
+    return sorted(group for part in likely for group in group_equal(part, whole=True))
 
 
 def is_quiet(frames: np.ndarray) -> bool:
-    """Return True if a capture varies so little that another one can be equal by chance, such as no touch.
+    """True for a capture that varies so little that another can be equal by chance, as no touch.
 
-    Fewer than `CHANGES` readings differ from that of the same taxel one frame before; in a capture of a single frame,
-    from that of the taxel before.
+    Fewer than `LEAST_CHANGES` readings differ from that of the same taxel one frame before; in a
+    capture of a single frame, from that of the taxel before.
     """
     readings = frames.reshape(len(frames), -1)
-    return bool(np.count_nonzero(np.diff(readings, axis=0 if len(readings) > 1 else 1)) < CHANGES)
+    changes = np.diff(readings, axis=0 if len(readings) > 1 else 1)
+    return bool(np.count_nonzero(changes) < LEAST_CHANGES)
 
 
 def repeated_groups(corpus: Corpus) -> list[list[int]]:
-    """Groups of captures that are one recording: `identical_groups` ones, without `is_quiet` ones."""
+    """Groups of captures that are one recording: identical ones that are not quiet."""
     return [group for group in identical_groups(corpus) if not is_quiet(corpus[group[0]])]
 
 
 def shared_captures(target: Corpus, source: Corpus) -> list[tuple[int, int]]:
-    """Captures in both of two corpora, without `is_quiet` ones: equal in their readings or in shares of full scale.
+    """Captures in both of two corpora: equal in their readings or in shares of full scale.
 
-    Pairs of positions, in ``target`` and in ``source``; one for each such capture of ``target``.
+    Quiet captures do not count.
+
+    Returns:
+        Positions in ``target`` and in ``source``, a pair for each such capture of ``target``.
     """
     captures, count = [*target, *source], len(target)
     scales = [target.full_scale] * count + [source.full_scale] * len(source)
     pairs: dict[int, int] = {}
     for group in [*identical_groups(captures), *identical_groups(captures, scales)]:
-        theirs = [i - count for i in group if i >= count]
-        if theirs and not is_quiet(captures[group[0]]):
-            pairs |= {i: theirs[0] for i in group if i < count}
+        in_source = [i - count for i in group if i >= count]
+        if in_source and not is_quiet(captures[group[0]]):
+            pairs |= {i: in_source[0] for i in group if i < count}
     return sorted(pairs.items())
 
 
 def leaked_captures(
     groups: list[list[int]], sides: Iterable[tuple[np.ndarray, np.ndarray]], count: int
 ) -> list[tuple[int, int]]:
-    """Tested captures whose frames a system was trained on, with a trained one each, by position.
+    """Test captures whose frames a system was trained on.
 
-    Groups are of equal frames; sides are training and test captures of each fold; ``count`` is that of all captures.
+    Args:
+        groups: positions of captures with equal frames.
+        sides: positions of training and test captures of each fold.
+        count: number of captures.
+
+    Returns:
+        Positions of the test capture and of a training capture with the same frames.
     """
     group_of = np.full(count, -1)
     for number, group in enumerate(groups):
@@ -94,12 +108,12 @@ def describe_capture(corpus: Corpus, position: int) -> str:
 
 def excluding_condition(corpus: Corpus, position: int) -> str:
     """A condition (``where=``) that excludes a capture, and as few others as its columns allow."""
-    like, parts = np.ones(len(corpus), bool), []
+    excluded, parts = np.ones(len(corpus), bool), []
     for column in filter(str.isidentifier, map(str, corpus.captures)):
         values = corpus.captures[column].tolist()
         value = values[position]
-        fewer = like & [other == value for other in values]
-        if isinstance(value, str | int) and fewer.sum() < like.sum():
+        fewer = excluded & [other == value for other in values]
+        if isinstance(value, str | int) and fewer.sum() < excluded.sum():
             parts.append(f"{column} != {value!r}")
-            like = fewer
+            excluded = fewer
     return " or ".join(parts)

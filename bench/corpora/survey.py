@@ -1,4 +1,4 @@
-"""A survey of a corpus before any training: counts and gaps, durations, pressure, broken taxels, duplicates."""
+"""A survey of a corpus before training: counts, durations, pressure, broken taxels, duplicates."""
 
 from __future__ import annotations
 
@@ -12,17 +12,20 @@ from scipy.ndimage import convolve
 
 from bench.corpora.corpus import Corpus
 from bench.corpora.doubts import Seam, measure_seams
-from bench.corpora.duplicates import CHANGES, identical_groups, is_quiet
+from bench.corpora.duplicates import LEAST_CHANGES, identical_groups, is_quiet
 from bench.errors import InputError
 
-ODD = 3.0  # times more, or less, than the taxels around it: such a taxel is suspicious
-ALONE = 1.0  # percent of captures in which it alone does not vary: beyond it, a taxel is suspicious
-CROSSED = 10  # combinations for each capture, beyond which nobody meant to record them all
-LESS = "varies far less than its neighbours"
+ODD_RATIO = 3.0  # of SDs: beyond it, or below its inverse, a taxel differs from its neighbours
+MOST_STILL = 1.0  # percent of captures in which a taxel may be the only one that does not vary
+MOST_COMBINATIONS = 10  # per capture; nobody meant to record more
+VARIES_LESS = "varies far less than its neighbours"
 DURATIONS = "seconds of a capture of each gesture"
-PRESSURE = "sensor values; full_scale: readings at full scale in percent; still: captures without any change"
-AROUND = np.array([[[1, 1, 1], [1, 0, 1], [1, 1, 1]]])  # of a taxel, the eight next to it
-NAMED = 12  # of a kind that are named in print; the tables have all
+PRESSURE = (
+    "sensor values; full_scale: readings at full scale in percent; "
+    "still: captures without any change"
+)
+NEIGHBOURS = np.array([[[1, 1, 1], [1, 0, 1], [1, 1, 1]]])  # of a taxel
+MOST_LINES = 12  # of a kind that are printed; the tables have all
 
 
 class Survey:
@@ -49,14 +52,14 @@ class Survey:
 
     @cached_property
     def factors(self) -> list[str]:
-        """Columns that ``counts`` crosses: subject, gesture, and columns of text that repeat, without ``split``."""
+        """Columns that ``counts`` crosses: subject, gesture, and text that repeats, no ``split``."""
         captures, factors = self.corpus.captures, ["subject", "gesture"]
         combinations = captures[factors].nunique().prod()
         texts = captures.drop(columns=[*factors, "split", "captures", "corpus"], errors="ignore")
-        for column, several in texts.select_dtypes(exclude="number").nunique(dropna=False).items():
-            if several > 1 and combinations * several <= CROSSED * len(captures):
+        for column, levels in texts.select_dtypes(exclude="number").nunique(dropna=False).items():
+            if levels > 1 and combinations * levels <= MOST_COMBINATIONS * len(captures):
                 factors.append(str(column))
-                combinations *= several
+                combinations *= levels
         return factors
 
     @cached_property
@@ -68,28 +71,25 @@ class Survey:
             sorted(set(words[f]), key=lambda name: (len(name) if name.isdigit() else 0, name))
             for f in self.factors
         ]
-        every: Any = pd.MultiIndex.from_product(levels, names=self.factors)
-        return words.value_counts().reindex(every, fill_value=0).rename("captures").reset_index()
+        index: Any = pd.MultiIndex.from_product(levels, names=self.factors)
+        return words.value_counts().reindex(index, fill_value=0).rename("captures").reset_index()
 
     @cached_property
     def usual(self) -> int:
-        """The commonest number of captures of a combination, of those that were recorded."""
+        """The most frequent number of captures of a recorded combination."""
         return int(self.counts.loc[self.counts["captures"] > 0, "captures"].mode().iloc[0])
 
     @property
     def gaps(self) -> pd.DataFrame:
-        """Rows of ``counts`` that have another number of captures than most: none, fewer or more."""
+        """Rows of ``counts`` with another number of captures than usual."""
         return self.counts[self.counts["captures"] != self.usual].reset_index(drop=True)
 
     @property
     def classes(self) -> pd.DataFrame:
         """Captures and subjects of each class of the target."""
-        labelled = pd.DataFrame({"class": self.corpus.gestures, "subject": self.corpus.subjects})
-        return (
-            labelled.groupby("class")["subject"]
-            .agg(captures="size", subjects="nunique")
-            .reset_index()
-        )
+        table = pd.DataFrame({"class": self.corpus.gestures, "subject": self.corpus.subjects})
+        subjects = table.groupby("class")["subject"]
+        return subjects.agg(captures="size", subjects="nunique").reset_index()
 
     @property
     def _seconds(self) -> np.ndarray:
@@ -99,12 +99,10 @@ class Survey:
     def durations(self) -> pd.DataFrame:
         """Captures, subjects, and median, shortest and longest seconds of each gesture."""
         names = np.array(self.gestures, dtype=object)[self._code]
-        of = pd.DataFrame(
-            {"gesture": names, "subject": self.corpus.subjects, "s": self._seconds}
-        ).groupby("gesture")
-        seconds = of["s"].agg(captures="size", median="median", shortest="min", longest="max")
-        seconds.insert(1, "subjects", of["subject"].nunique())
-        return seconds.reset_index()
+        by = pd.DataFrame({"subject": self.corpus.subjects, "s": self._seconds}).groupby(names)
+        table = by["s"].agg(captures="size", median="median", shortest="min", longest="max")
+        table.insert(1, "subjects", by["subject"].nunique())
+        return table.rename_axis("gesture").reset_index()
 
     def _by_gesture(self, values: np.ndarray) -> Any:
         return pd.DataFrame(values).groupby(self._code)
@@ -113,17 +111,17 @@ class Survey:
     def means(self) -> np.ndarray:
         """Mean pressure of each gesture, each frame counted once, float64 [gestures, rows, cols]."""
         frames = np.bincount(self._code, self.corpus.lengths)
-        return (self._by_gesture(self._read[2]).sum().to_numpy() / frames[:, None]).reshape(
-            -1, *self.corpus.grid
-        )
+        sums = self._by_gesture(self._statistics["sum"]).sum().to_numpy()
+        return (sums / frames[:, None]).reshape(-1, *self.corpus.grid)
 
     @cached_property
     def pressure(self) -> pd.DataFrame:
-        """Sensor values of each gesture: lowest, mean and highest reading, percent of readings at full scale.
+        """Lowest, mean and highest reading of each gesture, percent of readings at full scale.
 
-        ``still`` are captures in which nothing varies.
+        ``still`` is the number of captures in which nothing varies.
         """
-        lowest, highest, _, full, _ = self._read
+        lowest, highest = self._statistics["lowest"], self._statistics["highest"]
+        full = self._statistics["full_scale"]
         readings = np.bincount(self._code, self.corpus.lengths) * lowest.shape[1]
         table = {
             "gesture": self.gestures,
@@ -138,10 +136,9 @@ class Survey:
     @cached_property
     def typical(self) -> dict[str, int]:
         """Capture nearest to the middle in duration, mean and highest pressure, by gesture."""
-        mean = self._read[2].sum(axis=1) / self.corpus.lengths
-        ranks = self._by_gesture(
-            np.stack([self._seconds, mean, self._read[1].max(axis=1)], axis=1)
-        ).rank()
+        mean = self._statistics["sum"].sum(axis=1) / self.corpus.lengths
+        highest = self._statistics["highest"].max(axis=1)
+        ranks = self._by_gesture(np.stack([self._seconds, mean, highest], axis=1)).rank()
         middle = (1 + np.bincount(self._code)[self._code]) / 2
         nearest = ranks.sub(middle, axis=0).abs().sum(axis=1).groupby(self._code).idxmin()
         return {g: int(self.corpus.index[i]) for g, i in zip(self.gestures, nearest, strict=True)}
@@ -150,53 +147,43 @@ class Survey:
     def taxels(self) -> pd.DataFrame:
         """Readings of each taxel, row by row, and a ``verdict``, empty where nothing is odd.
 
-        ``full_scale`` is the percent of frames at full scale; ``sd`` is around the mean of each capture; ``around`` is
-        the median SD of the up to eight taxels around it that do vary; ``still`` is the percent of captures in which it
-        does not vary while all of those around it do.
+        ``full_scale`` is the percent of frames at full scale; ``sd`` is around the mean of each
+        capture; ``around`` is the median SD of those of the up to eight neighbours that vary;
+        ``still`` is the percent of captures in which a taxel does not vary while all of its
+        neighbours do.
         """
-        (lowest, highest, sums, full, squares), grid = self._read, self.corpus.grid
-        constant, several = (
-            lowest == highest,
-            self.corpus.lengths > 1,
-        )  # a single frame shows no change
-        frames = self.corpus.lengths.sum()
+        lowest, highest = self._statistics["lowest"], self._statistics["highest"]
+        grid, frames = self.corpus.grid, self.corpus.lengths.sum()
         row, col = np.indices(grid).reshape(2, -1)
+        sd = np.sqrt(self._statistics["squares"].sum(axis=0) / frames)
         table = pd.DataFrame(
             {
                 "row": row,
                 "col": col,
                 "lowest": lowest.min(axis=0),
-                "mean": sums.sum(axis=0) / frames,
+                "mean": self._statistics["sum"].sum(axis=0) / frames,
+                "highest": highest.max(axis=0),
+                "full_scale": 100 * self._statistics["full_scale"].sum(axis=0) / frames,
+                "sd": sd,
             }
         )
-        table = table.assign(
-            highest=highest.max(axis=0), full_scale=100 * full.sum(axis=0) / frames
-        )
-        table["sd"] = sd = np.sqrt(squares.sum(axis=0) / frames)
-        never = (
-            constant[several].all(axis=0) if several.any() else table["lowest"] == table["highest"]
-        )
-        edged = np.pad(np.where(never, np.nan, sd).reshape(grid), 1, constant_values=np.nan)
-        near = np.delete(
-            np.lib.stride_tricks.sliding_window_view(edged, (3, 3)).reshape(-1, 9), 4, axis=1
-        )
-        with warnings.catch_warnings():
-            warnings.simplefilter(
-                "ignore"
-            )  # nan where nothing around varies, and comparisons with it are false
-            table["around"] = median = np.nanmedian(near, axis=1)
-        beside = convolve(
-            constant.reshape(-1, *grid).astype(np.uint8), AROUND, mode="constant"
-        ).reshape(constant.shape)
-        alone = constant & (beside == 0) & (grid != (1, 1))
+        constant = lowest == highest
+        several = self.corpus.lengths > 1  # a single frame shows no change
+        never = table["lowest"] == table["highest"]
+        if several.any():
+            never = pd.Series(constant[several].all(axis=0))
+        table["around"] = around = _median_of_neighbours(np.where(never, np.nan, sd).reshape(grid))
+        constant_grids = constant.reshape(-1, *grid).astype(np.uint8)
+        neighbours = convolve(constant_grids, NEIGHBOURS, mode="constant").reshape(constant.shape)
+        alone = constant & (neighbours == 0) & (grid != (1, 1))
         table["still"] = 100 * alone[several].sum(axis=0) / max(1, several.sum())
         verdicts = {
             "always at full scale": table["lowest"] >= self.corpus.full_scale,
             "never varies": table["lowest"] == table["highest"],
             "never varies within a capture": never,
-            "often constant while its neighbours vary": table["still"] > ALONE,
-            LESS: ODD * sd < median,
-            "varies far more than its neighbours": sd > ODD * median,
+            "often constant while its neighbours vary": table["still"] > MOST_STILL,
+            VARIES_LESS: ODD_RATIO * sd < around,
+            "varies far more than its neighbours": sd > ODD_RATIO * around,
         }
         return table.assign(verdict=np.select([*verdicts.values()], [*verdicts], ""))
 
@@ -207,152 +194,148 @@ class Survey:
 
     @cached_property
     def seams(self) -> list[Seam]:
-        """Fit of neighbouring rows and columns."""
+        """How well neighbouring rows and columns fit."""
         return measure_seams(self.corpus)
 
     @cached_property
     def duplicates(self) -> pd.DataFrame:
-        """Captures with the same frames as another one: their group, labels, and the columns that differ within it.
+        """Captures with the same frames as another one.
 
-        ``quiet`` is True if so little changes that they can be equal by chance; such groups come last.
+        Columns are their group, labels, and the names of columns that differ within the group.
+        ``quiet`` is True if so little changes that they can be equal by chance; these come last.
         """
-        corpus = self.corpus
-        labels = corpus.captures.drop(
-            columns=["capture", "group", "differs", "quiet"], errors="ignore"
-        )
+        corpus, own = self.corpus, ["capture", "group", "differs", "quiet"]
+        labels = corpus.captures.drop(columns=own, errors="ignore")
         parts = [labels[:0].assign(group=0, capture=0, differs="", quiet=False)]
-        for number, group in enumerate(
-            sorted(identical_groups(corpus), key=lambda group: is_quiet(corpus[group[0]])), 1
-        ):
-            rows, still = labels.iloc[group], is_quiet(corpus[group[0]])
+        groups = sorted((is_quiet(corpus[group[0]]), group) for group in identical_groups(corpus))
+        for number, (quiet, group) in enumerate(groups, start=1):
+            rows, captures = labels.iloc[group], corpus.index[group]
             differs = ", ".join(labels.columns[rows.nunique(dropna=False) > 1])
-            parts.append(
-                rows.assign(group=number, capture=corpus.index[group], differs=differs, quiet=still)
-            )
+            parts.append(rows.assign(group=number, capture=captures, differs=differs, quiet=quiet))
         table = pd.concat(parts)[["group", "capture", *labels, "differs", "quiet"]]
         return table.sort_values(["group", "capture"], kind="stable", ignore_index=True)
 
     @cached_property
-    def _read(self) -> list[np.ndarray]:
-        """Of each capture and taxel: lowest and highest reading, sum, frames at full scale, squares around the mean."""
+    def _statistics(self) -> dict[str, np.ndarray]:
+        """Of each capture and taxel: extremes, sum, frames at full scale, squares around the mean."""
         parts = []
         for capture in self.corpus:
             frames = capture.reshape(len(capture), -1)
-            squares = len(frames) * frames.var(axis=0, dtype=np.float64)
-            full = (frames >= self.corpus.full_scale).sum(axis=0)
             parts.append(
-                (
-                    frames.min(axis=0),
-                    frames.max(axis=0),
-                    frames.sum(axis=0, dtype=np.float64),
-                    full,
-                    squares,
-                )
+                {
+                    "lowest": frames.min(axis=0),
+                    "highest": frames.max(axis=0),
+                    "sum": frames.sum(axis=0, dtype=np.float64),
+                    "full_scale": (frames >= self.corpus.full_scale).sum(axis=0),
+                    "squares": len(frames) * frames.var(axis=0, dtype=np.float64),
+                }
             )
-        return [np.stack(values) for values in zip(*parts, strict=True)]
+        return {name: np.stack([part[name] for part in parts]) for name in parts[0]}
 
     def __str__(self) -> str:
         target = self.corpus.target
-        parts = [
-            [
-                self.title,
-                *(["synthetic: generated captures, not people"] if self.corpus.synthetic else []),
-            ],
-            *(
-                []
-                if target == "gesture"
-                else [[f"Classes of target={target}:", _text(self.classes)]]
-            ),
-            [f"Durations: {DURATIONS}", _text(self.durations)],
-            [f"Pressure: {PRESSURE}", _text(self.pressure)],
+        parts = [[self.title]]
+        if self.corpus.synthetic:
+            parts[0].append("synthetic: generated captures, not people")
+        if target != "gesture":
+            parts.append([f"Classes of target={target}:", _format_table(self.classes)])
+        parts += [
+            [f"Durations: {DURATIONS}", _format_table(self.durations)],
+            [f"Pressure: {PRESSURE}", _format_table(self.pressure)],
             self.gap_lines(),
             self.taxel_lines(),
-            *([[*map(str, self.seams)]] if self.seams else []),
+            [str(seam) for seam in self.seams],
             self.duplicate_lines(),
         ]
-        return "\n\n".join("\n".join(part) for part in parts)
+        return "\n\n".join("\n".join(part) for part in parts if part)
 
     __repr__ = __str__
 
     def gap_lines(self) -> list[str]:
-        """Balance of the counts: a sentence, and the first examples."""
-        counts, usual = self.counts, self.usual
-        absent, other = counts["captures"] == 0, ~counts["captures"].isin([0, usual])
-        factors = ", ".join(self.factors[:-1]) + f" and {self.factors[-1]}"
+        """A sentence on the balance of the counts, and the first gaps."""
+        counts, factors = self.counts, ", ".join(self.factors[:-1])
+        absent = counts["captures"] == 0
+        other = ~counts["captures"].isin([0, self.usual])
         summary = (
-            f"Gaps: of {len(counts)} combinations of {factors}, {len(counts) - absent.sum() - other.sum()} have "
-            f"{_number(usual)}, {other.sum()} have another number, {absent.sum()} have none"
+            f"Gaps: of {len(counts)} combinations of {factors} and {self.factors[-1]}, "
+            f"{len(counts) - absent.sum() - other.sum()} have {_format_captures(self.usual)}, "
+            f"{other.sum()} have another number, {absent.sum()} have none"
         )
         # A gesture that a subject never did is one gap, not one for each condition.
-        pairs = counts.groupby(["subject", "gesture"], sort=False)["captures"].transform("sum") == 0
-        missing = counts[pairs].drop_duplicates(["subject", "gesture"])[["subject", "gesture"]]
-        rows = [*missing.to_dict("records"), *counts[(absent | other) & ~pairs].to_dict("records")]
-        numbers = [row.pop("captures", 0) for row in rows]
-        lines = [
-            f"{_labels(row)}: {_number(n) if n else 'none'}"
-            for row, n in zip(rows, numbers, strict=True)
-        ]
-        return [summary, *_first(lines, len(lines))]
+        pair = ["subject", "gesture"]
+        never = counts.groupby(pair, sort=False)["captures"].transform("sum") == 0
+        gaps = counts.loc[never, [*pair, "captures"]].drop_duplicates(pair).to_dict("records")
+        gaps += counts[(absent | other) & ~never].to_dict("records")
+        numbers = [_format_captures(gap.pop("captures")) for gap in gaps]
+        lines = [f"{_format_row(gap)}: {n}" for gap, n in zip(gaps, numbers, strict=True)]
+        return [summary, *_first_lines(lines)]
 
     def taxel_lines(self) -> list[str]:
-        """Odd taxels: a sentence, and the first examples."""
+        """A sentence on odd taxels, and the first of them."""
         odd = self.odd_taxels
         if not len(odd):
             return [f"Taxels: none of {len(self.taxels)} is odd"]
         lines = [
-            f"row {t['row']}, col {t['col']}: {t['verdict']} (SD {t['sd']:.3g}, neighbours {t['around']:.3g}; "
-            f"readings {t['lowest']:g} to {t['highest']:g}; alone constant in {t['still']:.3g} % of captures)"
+            f"row {t['row']}, col {t['col']}: {t['verdict']} (SD {t['sd']:.3g}, neighbours "
+            f"{t['around']:.3g}; readings {t['lowest']:g} to {t['highest']:g}; alone constant in "
+            f"{t['still']:.3g} % of captures)"
             for t in odd.to_dict("records")
         ]
         summary = f"Taxels: {len(odd)} of {len(self.taxels)} odd; rows and columns from 0"
-        if odd["verdict"].isin([LESS]).any():
+        if odd["verdict"].isin([VARIES_LESS]).any():
             summary += "; a taxel that varies far less may be broken or seldom touched"
-        return [summary, *_first(lines, len(lines))]
+        return [summary, *_first_lines(lines)]
 
     def duplicate_lines(self) -> list[str]:
-        """Duplicate captures: a sentence, and the first examples."""
+        """A sentence on duplicate captures, and the first groups."""
         if not len(self.duplicates):
             return ["Duplicates: none; no two captures have the same frames"]
-        firsts = self.duplicates.drop_duplicates("group")
         lines = []
-        for _, part in self.duplicates[self.duplicates["group"] <= NAMED].groupby("group"):
-            rows = part.drop(columns=["group", "differs", "quiet"]).to_dict("records")
-            lines.append(
-                " = ".join(map(_labels, rows[:2]))
-                + (f" and {len(rows) - 2} more" if len(rows) > 2 else "")
-            )
-        several = firsts["differs"].str.contains(r"\b(?:subject|gesture)\b")
+        for _, group in self.duplicates.groupby("group"):
+            rows = group.drop(columns=["group", "differs", "quiet"]).to_dict("records")
+            more = f" and {len(rows) - 2} more" if len(rows) > 2 else ""
+            lines.append(" = ".join(map(_format_row, rows[:2])) + more)
+        firsts = self.duplicates.drop_duplicates("group")
+        several = firsts["differs"].str.contains(r"\b(?:subject|gesture)\b").sum()
         summary = (
-            f"Duplicates: {len(self.duplicates)} captures have the same frames as another one, in {len(firsts)} "
-            f"groups; {several.sum()} of them under several subjects or gestures"
+            f"Duplicates: {len(self.duplicates)} captures have the same frames as another one, "
+            f"in {len(firsts)} groups; {several} of them under several subjects or gestures"
         )
-        if firsts["quiet"].any():
-            summary += f"; {firsts['quiet'].sum()} may be equal by chance: fewer than {CHANGES} readings change"
-        return [summary, *_first(lines, len(firsts))]
+        if quiet := firsts["quiet"].sum():
+            reason = f"fewer than {LEAST_CHANGES} readings change"
+            summary += f"; {quiet} may be equal by chance: {reason}"
+        return [summary, *_first_lines(lines)]
 
     def repeat_warnings(self) -> list[str]:
-        """A warning where one recording is in the corpus twice; nothing where captures can be equal by chance."""
-        return (
-            []
-            if self.duplicates["quiet"].all()
-            else [". ".join(map(str.strip, self.duplicate_lines()[:2]))]
-        )
+        """A warning if one recording is in the corpus twice, unless captures are equal by chance."""
+        if self.duplicates["quiet"].all():
+            return []
+        return [". ".join(map(str.strip, self.duplicate_lines()[:2]))]
 
 
-def _text(table: pd.DataFrame) -> str:
-    return table.to_string(index=False, float_format=lambda v: f"{v:.4g}")
+def _median_of_neighbours(values: np.ndarray) -> np.ndarray:
+    """Median over the neighbours of each taxel that are not NaN [taxels]; NaN if there is none."""
+    padded = np.pad(values, 1, constant_values=np.nan)
+    blocks = np.lib.stride_tricks.sliding_window_view(padded, (3, 3)).reshape(-1, 9)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # about NaN, with which comparisons are false
+        return np.nanmedian(np.delete(blocks, 4, axis=1), axis=1)
 
 
-def _number(captures: int) -> str:
-    return f"{captures} capture{'' if captures == 1 else 's'}"
+def _format_table(table: pd.DataFrame) -> str:
+    return table.to_string(index=False, float_format=lambda value: f"{value:.4g}")
 
 
-def _labels(row: dict) -> str:
+def _format_captures(count: int) -> str:
+    return "none" if not count else f"{count} capture{'' if count == 1 else 's'}"
+
+
+def _format_row(row: dict) -> str:
     """A row of a table in words."""
     return ", ".join(f"{name} {value}" for name, value in row.items())
 
 
-def _first(lines: list[str], total: int) -> list[str]:
-    """Those that are printed, indented, and how many there are besides."""
-    more = [f"... and {total - NAMED} more"] if total > NAMED else []
-    return [f"  {line}" for line in [*lines[:NAMED], *more]]
+def _first_lines(lines: list[str]) -> list[str]:
+    """The lines that are printed, indented, and how many more there are."""
+    more = [f"... and {len(lines) - MOST_LINES} more"] if len(lines) > MOST_LINES else []
+    return [f"  {line}" for line in [*lines[:MOST_LINES], *more]]

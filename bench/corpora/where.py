@@ -1,4 +1,7 @@
-"""Conditions on the columns of captures (``where=``), which mean what they mean to pandas and can do nothing else."""
+"""Conditions on the columns of captures (``where=``).
+
+They mean what they mean to pandas, but can do nothing except compare.
+"""
 
 from __future__ import annotations
 
@@ -15,112 +18,123 @@ import pandas as pd
 from bench.errors import InputError, shorten
 
 ALLOWED = (
-    "allowed on columns, text and numbers: == != < <= > >= in [...] and or not .isin .between .str.startswith "
-    ".str.endswith .str.contains"
+    "allowed on columns, text and numbers: == != < <= > >= in [...] and or not .isin .between "
+    ".str.startswith .str.endswith .str.contains"
 )
 NO_CONDITION = "this is not a condition, such as \"subject != '3'\""
-LONGEST = 10_000  # characters
-LINE = 300  # characters of a message
-# What Python and pandas read in different ways: & and |, and names of columns in backticks; not within text.
+MOST_CHARACTERS = 300  # of a message
+# What Python and pandas read differently, outside text: & and |, and columns in backticks.
 SPECIAL = re.compile(
-    r"""'(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*"|`(?P<column>[^`]+)`|(?P<word>[&|\r\n#])"""
+    r"""'(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*"|`(?P<column>[^`]+)`|(?P<operator>[&|])"""
 )
-WORDS = {"&": " and ", "|": " or ", "\r": " ", "\n": " "}
 COMPARISONS = {ast.Eq: eq, ast.NotEq: ne, ast.Lt: lt, ast.LtE: le, ast.Gt: gt, ast.GtE: ge}
+TEXT_METHODS = {"startswith": {}, "endswith": {}, "contains": {"regex": False}}
 
 
 def captures_where(where: str, captures: pd.DataFrame, name: str) -> np.ndarray:
-    """Captures of a corpus of this name that satisfy a condition, bool [captures]."""
-    if len(where) > LONGEST:
-        raise InputError(
-            f"where= has {len(where)} characters; give at most {LONGEST}, or a column of your own"
-        )
+    """Captures that satisfy a condition, bool [captures].
+
+    Args:
+        where: the condition.
+        captures: table of the captures.
+        name: name of the corpus, for messages.
+
+    Raises:
+        InputError: it is no condition on these columns, or no capture satisfies it.
+    """
     try:
-        mask = _evaluated(where, captures)
+        mask = _evaluate(where, captures)
     except (RecursionError, MemoryError):
         reason = "too deeply nested; write a shorter condition"
     except SyntaxError as e:
         reason = f"{str(e.msg)[:60]}; {ALLOWED}"
     except KeyError as e:
-        reason = f"no column {str(e.args[0])[:40]!r}; the columns of {name[:40]} are {', '.join(map(str, captures))}"
+        columns = ", ".join(map(str, captures))
+        reason = f"no column {str(e.args[0])[:40]!r}; the columns of {name[:40]} are {columns}"
     except Exception as e:  # pandas raises a dozen types where values do not fit together
         reason = f"cannot be computed ({' '.join(str(e).split()) or type(e).__name__})"
     else:
         if mask.any():
             return mask.to_numpy()
         reason = f"selects none of the {len(captures)} captures of {name}"
-    raise InputError(shorten(f"where={shorten(repr(where), 70)}: {reason}", LINE))
+    raise InputError(shorten(f"where={shorten(repr(where), 70)}: {reason}", MOST_CHARACTERS))
 
 
-def _evaluated(where: str, captures: pd.DataFrame) -> pd.Series:
-    """The mask; a `SyntaxError` says what is not allowed, a `KeyError` which column there is not."""
-    quoted: dict[str, pd.Series] = {}
+def _evaluate(where: str, captures: pd.DataFrame) -> pd.Series:
+    """The mask of a condition.
 
-    def translated(match: re.Match) -> str:
-        if match["word"] == "#":
-            raise SyntaxError("a comment cannot be used")
-        if column := match["column"]:
-            quoted[f"_column{len(quoted)}"] = captures[column]
-            return list(quoted)[-1]
-        return WORDS.get(match[0], match[0])
+    Raises:
+        SyntaxError: something in it is not allowed.
+        KeyError: there is no such column.
+    """
+    columns: dict[str, pd.Series] = {}
 
-    text = SPECIAL.sub(translated, where).strip()
+    def translate(match: re.Match) -> str:
+        if match["operator"]:
+            return " and " if match[0] == "&" else " or "
+        if not match["column"]:
+            return match[0]
+        name = f"_column{len(columns)}"
+        columns[name] = captures[match["column"]]
+        return name
+
+    text = SPECIAL.sub(translate, where)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Python's advice is about programs
-        tree = ast.parse(text, mode="eval").body
-    mask = _mask(tree, captures.assign(**quoted))
+        tree = ast.parse(f"({text}\n)", mode="eval").body
+    mask = _mask(tree, captures.assign(**columns))
     if not (isinstance(mask, pd.Series) and mask.dtype == bool):
         raise SyntaxError(NO_CONDITION)
     return mask
 
 
 def _mask(node: ast.expr, table: pd.DataFrame) -> pd.Series:
-    """The captures that satisfy a condition; text is searched literally."""
+    """The captures that satisfy a part of a condition; text is searched literally."""
     match node:
-        case ast.BoolOp(op=op, values=parts):
-            return reduce(
-                and_ if isinstance(op, ast.And) else or_, (_mask(part, table) for part in parts)
-            )
+        case ast.BoolOp(op=operator, values=parts):
+            combine = and_ if isinstance(operator, ast.And) else or_
+            return reduce(combine, (_mask(part, table) for part in parts))
         case ast.UnaryOp(op=ast.Not() | ast.Invert(), operand=part):
             return ~_mask(part, table)
         case ast.Name(id=name):
             if table[name].dtype == bool:
                 return table[name]
             raise SyntaxError(NO_CONDITION)
-        case ast.Compare(left=left, ops=ops, comparators=others):
-            pairs = zip([left, *others], ops, others, strict=False)
-            return reduce(and_, (_compared(one, op, other, table) for one, op, other in pairs))
+        case ast.Compare(left=left, ops=operators, comparators=others):
+            sides = zip([left, *others], operators, others, strict=False)
+            return reduce(and_, (_compare(*side, table) for side in sides))
         case ast.Call(
-            func=ast.Attribute(value=ast.Name(id=name), attr=method), args=values, keywords=[]
+            func=ast.Attribute(value=ast.Name(id=name), attr="isin" | "between" as method),
+            args=values,
+            keywords=[],
         ):
-            if method in ("isin", "between"):
-                return getattr(table[name], method)(*map(_literal, values))
+            return getattr(table[name], method)(*map(_literal, values))
         case ast.Call(
             func=ast.Attribute(
                 value=ast.Attribute(value=ast.Name(id=name), attr="str"), attr=method
             ),
             args=[ast.Constant(value=str(text))],
             keywords=[],
-        ) if method in ("startswith", "endswith", "contains"):
-            literally = {"regex": False} if method == "contains" else {}
-            return getattr(table[name].str, method)(text, na=False, **literally)
+        ) if method in TEXT_METHODS:
+            return getattr(table[name].str, method)(text, na=False, **TEXT_METHODS[method])
     raise SyntaxError(f"{ast.unparse(node)[:36]!r} cannot be used")
 
 
-def _compared(one: ast.expr, op: ast.cmpop, other: ast.expr, table: pd.DataFrame) -> Any:
-    """A comparison of columns, text and numbers; equal to a list is what is in it, as pandas reads it."""
-    left, right = (
-        table[side.id] if isinstance(side, ast.Name) else _literal(side) for side in (one, other)
+def _compare(left: ast.expr, operator: ast.cmpop, right: ast.expr, table: pd.DataFrame) -> Any:
+    """Compare columns, text and numbers; equal to a list is what is in it, as pandas reads it."""
+    one, other = (
+        table[side.id] if isinstance(side, ast.Name) else _literal(side) for side in (left, right)
     )
-    if isinstance(op, ast.In | ast.NotIn) and not isinstance(right, list | tuple):
-        raise SyntaxError(f"{ast.unparse(other)[:36]!r} is not a list such as ['1', '2']")
-    if isinstance(left, list | tuple):
-        left, right = right, left
-    if isinstance(right, list | tuple) and isinstance(op, ast.Eq | ast.NotEq | ast.In | ast.NotIn):
-        return left.isin(right) ^ isinstance(op, ast.NotEq | ast.NotIn)
-    if type(op) not in COMPARISONS:
+    if isinstance(operator, ast.In | ast.NotIn) and not isinstance(other, list | tuple):
+        raise SyntaxError(f"{ast.unparse(right)[:36]!r} is not a list such as ['1', '2']")
+    if isinstance(one, list | tuple):
+        one, other = other, one
+    in_list = isinstance(operator, ast.Eq | ast.NotEq | ast.In | ast.NotIn)
+    if isinstance(other, list | tuple) and in_list:
+        return one.isin(other) ^ isinstance(operator, ast.NotEq | ast.NotIn)
+    if type(operator) not in COMPARISONS:
         raise SyntaxError("'is' cannot be used")
-    return COMPARISONS[type(op)](left, right)
+    return COMPARISONS[type(operator)](one, other)
 
 
 def _literal(node: ast.expr) -> Any:

@@ -24,7 +24,7 @@ def open_zip(path: Path, broken: str) -> Iterator[tuple[zipfile.ZipFile, list[zi
         path: the archive.
         broken: message on any error within the context, with a place for the reason.
     """
-    with _refuse_damage(path, broken), zipfile.ZipFile(path) as archive:
+    with refuse_damage(path, broken), zipfile.ZipFile(path) as archive:
         members = [
             member
             for member in archive.infolist()
@@ -40,13 +40,13 @@ def open_zip(path: Path, broken: str) -> Iterator[tuple[zipfile.ZipFile, list[zi
 
 
 @contextmanager
-def _refuse_damage(path: Path, broken: str) -> Iterator[None]:
-    """Turn any error of a damaged file into an `InputError`."""
+def refuse_damage(path: Path, broken: str) -> Iterator[None]:
+    """Turn any error of a damaged file into an `InputError`; ``broken`` is as in `open_zip`."""
     try:
         yield
     except InputError:
         raise
-    except Exception as e:  # a dozen types: BadZipFile, TarError, zlib.error, struct.error, ...
+    except Exception as e:  # a dozen types: BadZipFile, zlib.error, ArrowInvalid, ...
         raise InputError(f"{file_name(path)}: {broken.format(one_line(e))}") from e
 
 
@@ -70,7 +70,7 @@ def read_files(
     if not (path.is_dir() or path.is_file()):
         raise InputError(f"{one_line(path, 160)}: there is no such file or folder; give {advice}")
     contents: dict[str, bytes] = {}
-    with _refuse_damage(path, BROKEN):
+    with refuse_damage(path, BROKEN):
         for place, size, read in _iter_members(path):
             name = place.rsplit("/", 1)[-1].lower()
             if _is_from_macos(place) or not is_wanted(name):

@@ -11,7 +11,6 @@ import mmap
 import re
 import unicodedata
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import NoReturn, Self
 
@@ -22,6 +21,7 @@ import pyarrow.csv as pacsv
 import pyarrow.parquet as pq
 import pyarrow.types as kinds
 
+from bench.corpora.read.archive import refuse_damage
 from bench.corpora.read.limits import (
     check_column_names,
     check_condition_count,
@@ -42,6 +42,7 @@ MOST_HEADER = 4 << 20  # bytes
 AT_ONCE = 1 << 22  # values of a parquet file that are unpacked at once
 TEXT = pa.dictionary(pa.int32(), pa.string())  # each word once, so that repeated ones take no room
 BYTES_PER_VALUE = 4  # in memory: a number, or the code of a word
+DAMAGED_PARQUET = "not a readable parquet file ({}); save it again"
 INTEGERS = {pa.int64(): pd.Int64Dtype()}  # with gaps
 NUMBER_WORDS = {
     "int64": "a whole number",
@@ -287,7 +288,7 @@ class ParquetTable(Table):
     def __init__(self, path: Path) -> None:
         name = file_name(path)
         self.path, self.header_prefix, self.row_prefix = path, name, f"{name}, row"
-        with self._as_readable(), pq.ParquetFile(path) as file:
+        with refuse_damage(path, DAMAGED_PARQUET), pq.ParquetFile(path) as file:
             metadata, schema = file.metadata, file.schema_arrow
             groups = [metadata.row_group(i) for i in range(metadata.num_row_groups)]
             values = sum(group.num_rows for group in groups) * metadata.num_columns
@@ -298,21 +299,9 @@ class ParquetTable(Table):
         self.columns = [name.strip() for name in self._schema.names]
         check_column_names(self.columns, self.header_prefix)
 
-    @contextmanager
-    def _as_readable(self) -> Iterator[None]:
-        """Turn any error of a damaged file into an `InputError`."""
-        try:
-            yield
-        except InputError:
-            raise
-        except Exception as e:  # pyarrow and damaged text raise a dozen types
-            raise InputError(
-                f"{self.header_prefix}: not a readable parquet file ({one_line(e)}); save it again"
-            ) from e
-
     def read_rows(self, channels: list[str], full_scale: float, optional: str = "") -> Self:
         """Read all rows, as `Table.read_rows` does."""
-        with self._as_readable():
+        with refuse_damage(self.path, DAMAGED_PARQUET):
             return super().read_rows(channels, full_scale, optional)
 
     def read_batches(self, channels: list[str]) -> Iterator[pa.RecordBatch]:
