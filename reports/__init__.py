@@ -1,1 +1,1 @@
-"""Tables and figures, made from the store and the published numbers; imported as `bench.reports`."""
+"""Tables and figures, made from the store and published numbers; imported as `bench.reports`."""

@@ -1,4 +1,4 @@
-"""A bundle: a zip file of stored runs, their tables and the report, which can be made from it again.
+"""A bundle: a zip file of stored runs, their tables and the report, which it can make again.
 
 Equal runs give equal bytes. It holds no path of the machine, and reading it unpacks no file.
 """
@@ -38,8 +38,8 @@ README = """A report of touchbench {version} with everything behind it.
 
 report/          the page, CSV and LaTeX tables, figures
 commands.sh      the commands that make the runs
-runs.json        of each run parameters, numbers, versions and the digest of the corpus
-tables/          of each run its tables (parquet): predictions, accuracy of each subject and gesture, ...
+runs.json        parameters, numbers, versions and digest of the corpus of each run
+tables/          tables of each run (parquet), such as predictions and accuracy of each subject
 touchbench.json  the version of this format, and the options of the report
 
 To make the page again without the corpus: bench report from=FILE.zip

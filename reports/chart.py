@@ -1,7 +1,7 @@
-"""The chart of the page: accuracy against one cost, with the Pareto front, the choice, the budget, published numbers.
+"""The chart of the page: accuracy against one cost, with front, choice, budget, published number.
 
-It is an SVG whose places are percentages of its width and whose heights are pixels, so that it fits every screen with
-words of one size.
+Its SVG has places in percent of the width and heights in pixels, so it fits every screen with words
+of one size.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ SHAPES = {  # of a family, around its point
 LOOKS = {"C"}  # marks of candidates that have a look of their own
 MOST = 40  # candidates that are drawn, besides those of a front
 HEIGHT, ABOVE = 290, 24  # pixels of the plot and above it
-EDGES = 9.0, 95.0  # percent of the width from the lowest to the highest cost
+LEFT, WIDTH = 9.0, 86.0  # percent of the width: the lowest cost, and from there to the highest
 NARROW = 430  # width in pixels at which names of the front and the choice still have room
 LETTER, LINE = 7, 14  # pixels of a letter and of a line
 PLACES = [
@@ -45,7 +45,6 @@ PLACES = [
     ("end", -7, 17),
     ("start", 11, 4),
 ]
-Drawn = tuple[str, str] | None
 
 
 class Axis(NamedTuple):
@@ -55,37 +54,33 @@ class Axis(NamedTuple):
     high: float
     log: bool = False
 
-    def place(self, values: Any) -> Any:
+    def relative_places(self, values: Any) -> Any:
         """Places of values, from 0 to 1."""
-        return ((np.log10(values) if self.log else np.asarray(values)) - self.low) / (
-            self.high - self.low
-        )
+        values = np.log10(values) if self.log else np.asarray(values)
+        return (values - self.low) / (self.high - self.low)
 
     @property
     def ticks(self) -> list[tuple[float, str]]:
         """Places and words of round values."""
         if self.log:
-            locator = LogLocator(
-                subs=(1, 2, 5) if self.high - self.low < 2.2 else (1,), numticks=99
-            )
+            multiples = (1, 2, 5) if self.high - self.low < 2.2 else (1,)
+            locator = LogLocator(subs=multiples, numticks=99)
             values = locator.tick_values(10**self.low, 10**self.high)
         else:
             values = MaxNLocator(6, steps=[1, 2, 5, 10]).tick_values(self.low, self.high)
-        return [
-            (float(self.place(v)), format_three_digits(v))
-            for v in values
-            if 0 <= self.place(v) <= 1
-        ]
+        ticks = [(float(self.relative_places(v)), format_three_digits(v)) for v in values]
+        return [(place, words) for place, words in ticks if 0 <= place <= 1]
 
 
 def chart_points(
     summary: Summary, models: Mapping[str, str], published: Collection[str]
 ) -> pd.DataFrame:
-    """The candidates that are drawn: ``name``, ``family``, ``kind``, ``verdict``, ``chosen``, ``out``, their numbers.
+    """The candidates that are drawn: a row each, with their look and their numbers.
 
-    ``kind`` is the mark of a candidate where that has a look of its own, such as ``C``, else ``published``, ``changed``
-    (a published system with other parameters) or ``other``. ``out`` is True for candidates that a budget rules out.
-    The numbers are ``accuracy`` with its interval (``low``, ``high``), and a column for each cost.
+    ``kind`` is the mark of a candidate where that has a look of its own, such as ``C``, else
+    ``published``, ``changed`` (a published system with other parameters) or ``other``. ``out`` is
+    True for candidates that a budget rules out. The numbers are ``accuracy`` with its interval
+    (``low``, ``high``), and a column for each cost.
     """
     assert summary.choice is not None
     rows = drawn_candidates(summary.choice)
@@ -128,49 +123,58 @@ def draw_cost_chart(
     points: pd.DataFrame,
     cost: Cost,
     budget: float | None = None,
-    left: int = 0,
+    omitted: int = 0,
     best: tuple[str, str, float] | None = None,
-) -> Drawn:
-    """Accuracy against one cost as an SVG, on a log axis unless the cost is linear, and the caption; None if unknown.
+) -> tuple[str, str] | None:
+    """Draw accuracy against one cost, on a log axis unless the cost is linear.
 
-    ``best`` is the best published number on the same data under the same protocol, behind its source and system.
+    Args:
+        group: captures and protocol in words.
+        points: candidates (`chart_points`).
+        cost: the cost.
+        budget: its budget.
+        omitted: number of candidates that are not drawn.
+        best: source, system and percent of the best published number in the same setting.
+
+    Returns:
+        The SVG and its caption; None if the cost of every candidate is unknown.
     """
     points = points[(points[cost.key] > 0) | points[cost.key].notna() & cost.is_linear]
     if not len(points):
         return None
     points = points.sort_values("accuracy", kind="stable", ignore_index=True)
-    x, y = (points[c].to_numpy(float) for c in (cost.key, "accuracy"))
+    x, y = points[cost.key].to_numpy(float), points["accuracy"].to_numpy(float)
     front = front_corners(y, cost.as_burden(x))
     ends = points[["low", "high"]].to_numpy(float)
     ends = np.where(np.isnan(ends), y[:, None], ends)
     across = _cost_axis(np.append(x, x[0] if budget is None else budget), cost.is_linear)
     up = _accuracy_axis(np.append(ends, best[-1] if best else y[0]))
-    left_edge, width = EDGES[0], EDGES[1] - EDGES[0]
-    places = np.column_stack(
-        [left_edge + width * across.place(x), ABOVE + HEIGHT * (1 - up.place(y))]
-    )
-    kept = np.flatnonzero(points["chosen"] | np.isin(np.arange(len(points)), front))
-    sides = _place_names(places, [*points["name"]], kept[::-1])
-    high, low = (ABOVE + HEIGHT * (1 - up.place(ends[:, i])) for i in (1, 0))
+    places = np.column_stack([_percent_across(across, x), _pixels_down(up, y)])
+    named = np.flatnonzero(points["chosen"] | np.isin(np.arange(len(points)), front))
+    sides = _place_names(places, [*points["name"]], named[::-1])
+    heights = _pixels_down(up, ends)
     marks = []
     for i, point in enumerate(points.itertuples(index=False)):
-        looks = {"hollow": point.kind == "changed", "chosen": point.chosen, "out": point.out}
-        looks |= {"front": i in front, "named": i in kept}
+        looks = {
+            "hollow": point.kind == "changed",
+            "chosen": point.chosen,
+            "out": point.out,
+            "front": i in front,
+            "named": i in named,
+        }
         mark = {
             "name": point.name,
             "about": _describe_point(point, cost),
             "x": places[i, 0],
             "y": places[i, 1],
-        }
-        mark |= {
-            "low": low[i],
-            "high": high[i],
+            "low": heights[i, 0],
+            "high": heights[i, 1],
             "side": sides[i],
-            "looks": [look for look, so in looks.items() if so],
+            "looks": [look for look, applies in looks.items() if applies],
+            "shape": Markup(SHAPES[point.kind if point.kind in LOOKS else point.family]),
         }
-        marks.append(
-            mark | {"shape": Markup(SHAPES[point.kind if point.kind in LOOKS else point.family])}
-        )
+        marks.append(mark)
+    synthetic = SYNTHETIC if "(synthetic)" in group else ""
     caption = render_sentences(
         *("bench.reports", "sentences", "chart"),
         kinds={*points["kind"]},
@@ -180,29 +184,39 @@ def draw_cost_chart(
         budget=budget is not None,
         out=points["out"].any(),
         best=best,
-        left=left,
-        synthetic=f"Synthetic: {SYNTHETIC}." if "(synthetic)" in group else "",
+        omitted=omitted,
+        synthetic=f"Synthetic: {synthetic}." if synthetic else "",
     )[0]
-    limit = (
-        None
-        if budget is None
-        else (left_edge + width * float(across.place(budget)), cost.format_amount(budget))
-    )
-    text = render_fragment(
+    limit = published = None
+    if budget is not None:
+        limit = float(_percent_across(across, budget)), cost.format_amount(budget)
+    if best is not None:
+        published = best[0], best[-1], float(_pixels_down(up, best[-1]))
+    drawing = render_fragment(
         "chart.jinja",
         about=f"{group}: {caption.split('. ')[0]}.",
         marks=marks,
         corners=places[front],
         limit=limit,
         better=cost.better,
-        best=best and (best[0], best[-1], ABOVE + HEIGHT * (1 - float(up.place(best[-1])))),
-        across=[(left_edge + width * place, words) for place, words in across.ticks],
+        best=published,
+        across=[(LEFT + WIDTH * place, words) for place, words in across.ticks],
         up=[(ABOVE + HEIGHT * (1 - place), words) for place, words in up.ticks],
         axis=textwrap.wrap(cost.axis, NARROW // LETTER - 12),
-        synthetic=SYNTHETIC if "(synthetic)" in group else "",
+        synthetic=synthetic,
         bottom=ABOVE + HEIGHT,
     )
-    return text, caption
+    return drawing, caption
+
+
+def _percent_across(axis: Axis, values: Any) -> Any:
+    """Places of costs in percent of the width."""
+    return LEFT + WIDTH * axis.relative_places(values)
+
+
+def _pixels_down(axis: Axis, values: Any) -> Any:
+    """Places of accuracies in pixels from the top."""
+    return ABOVE + HEIGHT * (1 - axis.relative_places(values))
 
 
 def _cost_axis(values: np.ndarray, linear: bool) -> Axis:
@@ -220,40 +234,34 @@ def _accuracy_axis(values: np.ndarray) -> Axis:
 
 
 def _place_names(
-    places: np.ndarray, names: Sequence[str], kept: Sequence[int]
+    places: np.ndarray, names: Sequence[str], named: Sequence[int]
 ) -> list[tuple[str, int, int]]:
-    """Anchor and shift in pixels of each name; those that are kept cover each other and other points the least."""
+    """Anchor and shift in pixels of each name; the named ones cover each other the least."""
     sides = [PLACES[int(x > 50)] for x in places[:, 0]]
     spots, taken = places * [NARROW / 100, 1], np.empty((0, 4))
 
-    def cover(i: int, side: tuple[str, int, int]) -> float:
-        left, top, right, bottom = box(i, side)
-        within = (
-            (spots[:, 0] > left - 5)
-            & (spots[:, 0] < right + 5)
-            & (spots[:, 1] > top - 5)
-            & (spots[:, 1] < bottom + 5)
-        )
-        apart = (
-            (taken[:, 0] > right)
-            | (taken[:, 2] < left)
-            | (taken[:, 1] > bottom)
-            | (taken[:, 3] < top)
-        )
-        return within.sum() + 10 * (~apart).sum() + max(0, -left, right - NARROW) / 10
+    def covered(i: int, side: tuple[str, int, int]) -> float:
+        """Points and names below a name, and pixels beyond the edges."""
+        left, top, right, bottom = name_box(i, side)
+        x, y = spots.T
+        inside = (x > left - 5) & (x < right + 5) & (y > top - 5) & (y < bottom + 5)
+        beside = (taken[:, 0] > right) | (taken[:, 2] < left)
+        beside |= (taken[:, 1] > bottom) | (taken[:, 3] < top)
+        return inside.sum() + 10 * (~beside).sum() + max(0, -left, right - NARROW) / 10
 
-    def box(i: int, side: tuple[str, int, int]) -> tuple[float, float, float, float]:
-        wide, (x, y), (anchor, right, down) = LETTER * len(names[i]), spots[i], side
-        start = x + right - wide * (anchor == "end")
-        return start, y + down - LINE + 3, start + wide, y + down + 3
+    def name_box(i: int, side: tuple[str, int, int]) -> tuple[float, float, float, float]:
+        width, (x, y), (anchor, right, down) = LETTER * len(names[i]), spots[i], side
+        start = x + right - width * (anchor == "end")
+        return start, y + down - LINE + 3, start + width, y + down + 3
 
-    for i in kept:
-        sides[i] = min(PLACES, key=lambda side: cover(i, side))
-        taken = np.vstack([taken, box(i, sides[i])])
+    for i in named:
+        sides[i] = min(PLACES, key=lambda side: covered(i, side))
+        taken = np.vstack([taken, name_box(i, sides[i])])
     return sides
 
 
-def _describe_point(point: object, cost: Cost) -> str:
-    """The numbers of a mark."""
-    bounds = "" if np.isnan(point.low) else f" [{point.low:.1f}, {point.high:.1f}]"
-    return f"{point.name}: {point.accuracy:.1f}{bounds} %, {cost.format_amount(getattr(point, cost.key))}; {point.verdict}"
+def _describe_point(point: Any, cost: Cost) -> str:
+    """Name and numbers of a mark."""
+    interval = "" if np.isnan(point.low) else f" [{point.low:.1f}, {point.high:.1f}]"
+    amount = cost.format_amount(getattr(point, cost.key))
+    return f"{point.name}: {point.accuracy:.1f}{interval} %, {amount}; {point.verdict}"

@@ -44,14 +44,14 @@ Tests = tuple[pd.DataFrame, pd.DataFrame]  # accuracies of subjects, and statist
 
 @cache
 def load_published() -> pd.DataFrame:
-    """Load the numbers of the papers, a row each; columns ``*_key`` have the words that runs are tracked with."""
+    """Load the numbers of the papers, a row each; columns ``*_key`` have the words of runs."""
     with (files("bench.reports") / "published.csv").open() as file:
         table = pd.read_csv(file, dtype={"system": str}, keep_default_na=True)
     return table.fillna({"system": "", "nearest_key": ""})
 
 
 def setting_of_run(result: Result) -> tuple[str, ...]:
-    """Data, subset, target and protocol of a run, as in the columns ``*_key`` of published numbers."""
+    """Data, subset, target and protocol of a run, as in the columns ``*_key`` of papers."""
     return tuple(str(result[name]) for name in SETTING)
 
 
@@ -65,10 +65,11 @@ def score_rows(
     against: str = "",
     tests: Mapping[str, Tests] | None = None,
 ) -> list[Row]:
-    """A row per run and variant of its score, best first within each data, subset, protocol and unit.
+    """A row per run and variant of its score, best first within each set of comparable rows.
 
-    ``difference`` and ``p_holm`` compare the system with ``against``, or with the best of its group; a system on
-    windows is compared by mean probability of its captures. ``tests`` has those of groups that are already computed.
+    ``difference`` and ``p_holm`` compare the system with ``against``, or with the best of its
+    group; a system on windows is compared by mean probability of its captures. ``tests`` has those
+    of groups that are already computed.
     """
     rows: list[dict[str, Any]] = []
     for group, results in groups.items():
@@ -100,7 +101,8 @@ def row_context(row: Row) -> tuple[str, ...]:
 def comparison_table(rows: Sequence[Row]) -> pd.DataFrame:
     """The rows of `score_rows` for a CSV file: accuracies, SDs and F1 in percent.
 
-    ``accuracy`` is the mean over subjects with its t-interval, ``pooled_accuracy`` is over captures.
+    ``accuracy`` is the mean over subjects with its t-interval, ``pooled_accuracy`` is over
+    captures.
     """
     columns = [text_measure("name"), text_measure("system")]
     for measure in run_columns("csv"):
@@ -146,7 +148,9 @@ def score_variants(result: Result) -> Iterator[Row]:
             continue
         if not windowed:  # one decision a capture is its vote
             published_units = (*published_units, "capture vote")
-        of_unit = {k.removeprefix(prefix): v for k, v in result.metrics.items() if k.startswith(prefix)}
+        of_unit = {
+            k.removeprefix(prefix): v for k, v in result.metrics.items() if k.startswith(prefix)
+        }
         yield {
             **result.metrics,
             **of_unit,
@@ -173,7 +177,8 @@ def _published_by_system() -> dict[tuple, list]:
 def _published_words(result: Result, units: Sequence[str]) -> str | None:
     """Published numbers of the system in some units, each with its unit and id; None without any.
 
-    Systems that depend on the batch or use conditions have none: their marked names match no published system.
+    Systems that depend on the batch or use conditions have none: their marked names match no
+    published system.
     """
     if result["synthetic"] == "true":
         return None
@@ -195,7 +200,11 @@ def runs_section(rows: Sequence[Row], order: list[str]) -> dict[str, Any]:
     ]
     columns = [text_measure("name", "system"), *ON_PAGE]
     subjects = {row["group"]: int(row["subjects"]) for row in rows[::-1]}
-    few_subjects = [group for group in order if subjects.get(group, few.FEWEST_FOR_INTERVAL) < few.FEWEST_FOR_INTERVAL]
+    few_subjects = [
+        group
+        for group in order
+        if subjects.get(group, few.FEWEST_FOR_INTERVAL) < few.FEWEST_FOR_INTERVAL
+    ]
     return {
         "table": Table(columns, shown, remarks=footnotes, groups=[*headings]),
         "few": [f"{group}. {few.too_few_sentence(subjects[group])}" for group in few_subjects],
@@ -215,7 +224,7 @@ def command_line(result: Result) -> str:
 
 
 def provenance_table(groups: Mapping[str, Sequence[Result]]) -> pd.DataFrame:
-    """Origin of each run, a row each, oldest first: its name, command, corpus, revision, machine and MLflow id."""
+    """Origin of each run, oldest first: its name, command, corpus, revision, machine and id."""
     runs = [(group, r) for group, results in groups.items() for r in results]
     rows = []
     for group, r in sorted(runs, key=lambda run: run[1]["started"]):

@@ -1,4 +1,4 @@
-"""The page of ``bench data show``: tables of the survey, mean pressure and a film strip of each gesture."""
+"""The page of ``bench data show``: tables of the survey and a film strip of each gesture."""
 
 from __future__ import annotations
 
@@ -25,36 +25,33 @@ ROOT = 0.5  # colours follow the square root of the pressure, or light touch wou
 INDEX = "index.html"
 
 
-def write_page(found: Survey, folder: Path) -> list[Path]:
+def write_page(survey: Survey, folder: Path) -> list[Path]:
     """Write the figures and a page that holds them all into a folder, which is made."""
     folder.mkdir(parents=True, exist_ok=True)
-    synthetic = found.corpus.synthetic
-    group = found.corpus.name + (" (synthetic)" if synthetic else "")
-    picture = draw_film(found, group, folder)
-    values = {"survey": found, "sections": _make_sections(found), "picture": picture}
-    values["synthetic"] = f"Synthetic: {SYNTHETIC}." if synthetic else ""
-    index = folder / INDEX
-    index.write_text(
-        render_page("corpus.jinja", f"Captures of {group}", **values), encoding="utf-8"
-    )
+    corpus, index = survey.corpus, folder / INDEX
+    group = corpus.name + " (synthetic)" * corpus.synthetic
+    picture = draw_film(survey, group, folder)
+    values = {"survey": survey, "sections": _make_sections(survey), "picture": picture}
+    values["synthetic"] = f"Synthetic: {SYNTHETIC}." if corpus.synthetic else ""
+    page = render_page("corpus.jinja", f"Captures of {group}", **values)
+    index.write_text(page, encoding="utf-8")
     return [picture.path, index]
 
 
-def _make_sections(found: Survey) -> list[tuple[str, str, Table | None]]:
-    """Heading, words and table of each part of the page; no table where there is nothing to list."""
-    parts: list[tuple[str, str, pd.DataFrame | None]] = []
-    if (target := found.corpus.target) != "gesture":
-        parts.append(
-            ("Classes", f"Captures and subjects of each class of target={target}.", found.classes)
-        )
-    parts += [
-        ("Durations", f"{DURATIONS}.", found.durations),
-        ("Pressure", f"{PRESSURE}.", found.pressure),
-        ("Gaps", f"{found.gap_lines()[0]}.", found.gaps),
-        ("Taxels", f"{found.taxel_lines()[0]}.", found.odd_taxels),
-        *([("Seams", f"{'; '.join(map(str, found.seams))}.", None)] if found.seams else []),
-        ("Duplicates", f"{found.duplicate_lines()[0]}.", found.duplicates),
+def _make_sections(survey: Survey) -> list[tuple[str, str, Table | None]]:
+    """Heading, words and table of each part of the page; no table if there is nothing to list."""
+    parts: list[tuple[str, str, pd.DataFrame | None]] = [
+        ("Durations", f"{DURATIONS}.", survey.durations),
+        ("Pressure", f"{PRESSURE}.", survey.pressure),
+        ("Gaps", f"{survey.gap_lines()[0]}.", survey.gaps),
+        ("Taxels", f"{survey.taxel_lines()[0]}.", survey.odd_taxels),
+        ("Duplicates", f"{survey.duplicate_lines()[0]}.", survey.duplicates),
     ]
+    if survey.seams:
+        parts.insert(-1, ("Seams", f"{'; '.join(map(str, survey.seams))}.", None))
+    if (target := survey.corpus.target) != "gesture":
+        words = f"Captures and subjects of each class of target={target}."
+        parts.insert(0, ("Classes", words, survey.classes))
     return [_make_section(*part) for part in parts]
 
 
@@ -81,59 +78,53 @@ def _draw_frame(ax: Axes, frame: np.ndarray, most: float) -> None:
     )
 
 
-def draw_film(found: Survey, group: str, folder: Path) -> Picture:
-    """A row for each gesture: mean pressure, frames of a typical capture, and its total pressure."""
-    corpus, names = found.corpus, found.gestures[:DRAWN]
+def draw_film(survey: Survey, group: str, folder: Path) -> Picture:
+    """A row for each gesture: mean pressure, frames of a typical capture, its total pressure."""
+    corpus, names = survey.corpus, survey.gestures[:DRAWN]
     wide, high = (max(SIDE * side / max(corpus.grid), 0.3) for side in corpus.grid[::-1])
     size = (2.75 + (FILMED + 2) * (wide + GAP), 0.85 + len(names) * (high + 2 * GAP))
     title = f"Mean pressure and a typical capture of each gesture, {shorten_names([group])[0]}"
     figure, axes = new_figure(
         size, (len(names), FILMED + 2), (1.95, 0.8, 0.45, 0.4), (GAP, 2 * GAP), title
     )
-    most = max(float(found.means.max()), 1e-9)
-    for row, gesture, mean in zip(axes, names, found.means, strict=False):
-        capture = found.typical[gesture]
+    most = max(float(survey.means.max()), 1e-9)
+    for row, gesture, mean in zip(axes, names, survey.means, strict=False):
+        capture = survey.typical[gesture]
         position = int(np.flatnonzero(corpus.index == capture)[0])
         frames = corpus[position]
-        shown = (len(frames) * (np.arange(FILMED) + 0.5) / FILMED).astype(
-            int
-        )  # the frame in the middle of each eighth
+        middles = (np.arange(FILMED) + 0.5) / FILMED  # of each eighth
+        shown = (len(frames) * middles).astype(int)
         highest = max(float(frames[shown].max()), 1e-9)
         words = [
             gesture,
             f"mean: 0 to {_format_pressure(most)}",
             f"capture {capture}: 0 to {_format_pressure(highest)}",
+            f"subject {corpus.subjects[position]}",
         ]
-        words.append(f"subject {corpus.subjects[position]}")
-        row[0].text(
-            -0.1,
-            1,
-            "\n".join(shorten_names(words, 26)),
-            ha="right",
-            va="top",
-            transform=row[0].transAxes,
-        )
+        text = "\n".join(shorten_names(words, 26))
+        row[0].text(-0.1, 1, text, ha="right", va="top", transform=row[0].transAxes)
         _draw_frame(row[0], mean, most)
         row[0].plot(
-            found.odd_taxels["col"], found.odd_taxels["row"], "x", color="cyan", markersize=5
+            survey.odd_taxels["col"], survey.odd_taxels["row"], "x", color="cyan", markersize=5
         )
         for ax, frame in zip(row[1:], frames[shown], strict=False):
             _draw_frame(ax, frame, highest)
         _draw_total_pressure(row[-1], frames, corpus.rate_hz, shown)
     axes[-1, -1].set_xlabel("s")
-    left = len(found.gestures) - len(names)
     caption = (
-        "Left: mean pressure of all frames of each gesture, with one scale for all. Then the most typical capture in "
-        f"duration, mean pressure and highest pressure: {FILMED} frames, evenly spaced in time. Colours follow the "
-        "square root of pressure. Right: pressure summed over the taxels against seconds; grey lines mark the frames."
-        + " Crosses: odd taxels." * (len(found.odd_taxels) > 0)
-        + f" {left} more gestures are not drawn." * (left > 0)
+        "Left: mean pressure of all frames of each gesture, with one scale for all. Then the most "
+        "typical capture in duration, mean pressure and highest pressure: "
+        f"{FILMED} frames, evenly spaced in time. Colours follow the square root of pressure. "
+        "Right: pressure summed over the taxels against seconds; grey lines mark the frames."
     )
+    caption += " Crosses: odd taxels." * (len(survey.odd_taxels) > 0)
+    if omitted := len(survey.gestures) - len(names):
+        caption += f" {omitted} more gestures are not drawn."
     return save_figure(figure, folder, "captures", group, caption)
 
 
 def _draw_total_pressure(ax: Axes, frames: np.ndarray, rate_hz: float, shown: np.ndarray) -> None:
-    """The pressure summed over the taxels against seconds, with a line at each frame that is shown."""
+    """The pressure summed over the taxels against seconds, with a line at each shown frame."""
     total = frames.sum(axis=(1, 2), dtype=np.float64)
     times = (np.arange(len(frames)) + 0.5) / rate_hz
     ax.plot(times, total, color="tab:blue", linewidth=0.9, marker="." if len(frames) < 3 else None)

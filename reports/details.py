@@ -1,4 +1,4 @@
-"""Figures of a group and of single runs, each with its caption, and intervals of class scores over subjects."""
+"""Figures of a group and of single runs with captions; intervals of class scores."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def draw_group_figures(
 
 
 def confusion_figure(counts: pd.DataFrame, system: str, group: str) -> tuple[Figure, str]:
-    """Counts [true, predicted] and percent of each true class, side by side, or one below the other."""
+    """Counts [true, predicted] and percent of each true class, in two panels."""
     values = counts.to_numpy(dtype=float)
     share = 100 * values / np.maximum(values.sum(axis=1, keepdims=True), 1)
     classes, names = len(counts), shorten_names(counts.columns)
@@ -89,7 +89,7 @@ def confusion_figure(counts: pd.DataFrame, system: str, group: str) -> tuple[Fig
 
 
 def gesture_figure(tables: dict[str, pd.DataFrame], group: str) -> tuple[Figure, str]:
-    """Percent of each gesture that is labelled correctly, with intervals over subjects: `recall_interval` by system."""
+    """Percent of correctly classified captures of each gesture (`recall_interval` by system)."""
     classes = list(next(iter(tables.values())).index)
     size = (9, LINE * 1.2 * len(classes) * max(2, len(tables)) + 0.9 + 0.25 * len(tables))
     margins = (text_width(classes) + 0.25, 0.15, 0.55 + 0.25 * len(tables), 0.35)
@@ -120,7 +120,7 @@ def draw_confusions(result: Result, folder: Path) -> None:
 
 
 def subject_figure(subjects: pd.DataFrame, group: str) -> tuple[Figure, str]:
-    """A mark for the accuracy of each subject, with the mean and its t-interval, of the first systems."""
+    """A mark for the accuracy of each subject, with mean and t-interval, of the first systems."""
     first, people = subjects.iloc[: statistics.RANKED], subjects.shape[1]
     margins = (text_width(first.index) + 0.25, 0.15, 0.5, 0.35)
     figure, axes = new_figure((9.5, LINE * 1.5 * len(first) + 0.85), margins=margins, title=group)
@@ -144,7 +144,7 @@ def subject_figure(subjects: pd.DataFrame, group: str) -> tuple[Figure, str]:
 def sample_confusions(
     labelled: pd.DataFrame, classes: list[str], draws: int, seed: int
 ) -> np.ndarray:
-    """Confusions of whole subjects drawn with replacement, [draws, true, predicted]; the last is of abstentions."""
+    """Confusions of subjects drawn with replacement [draws, true, predicted or abstained]."""
     people, person = np.unique(labelled["subject"], return_inverse=True)
     true, predicted = (
         pd.Index(classes).get_indexer(pd.Index(labelled[name])) for name in ("true", "predicted")
@@ -174,7 +174,7 @@ def macro_interval(
 def recall_interval(
     labelled: pd.DataFrame, classes: list[str], draws: int = 2000, seed: int = 0
 ) -> pd.DataFrame:
-    """Percent of each class that is labelled correctly (``recall``), with its interval; NaN where no capture is."""
+    """Percent of correct captures of each class (``recall``) with its interval; NaN without any."""
     counts = scores.confusion_table(labelled, classes).to_numpy()
     table = pd.DataFrame(
         {"recall": _recall_percent(counts), "low": np.nan, "high": np.nan}, index=classes
@@ -189,7 +189,7 @@ def recall_interval(
 
 
 def _recall_percent(confusions: np.ndarray) -> np.ndarray:
-    """Percent of each class, [..., classes], of confusions with or without a column for abstentions."""
+    """Percent of each class [..., classes] of confusions, also of those with abstentions."""
     with np.errstate(invalid="ignore", divide="ignore"):
         right = np.einsum("...ii->...i", confusions[..., : confusions.shape[-2]])
         return 100 * right / confusions.sum(axis=-1)

@@ -1,4 +1,4 @@
-"""Drawings of matplotlib, shortened for the page: its SVG files repeat styles, commands, digits and markers."""
+"""Drawings of matplotlib, shortened for the page: its SVG repeats styles, commands and digits."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ CURVED = re.compile("[CQ]")  # commands of a marker that stays one
 
 
 def embed_svg(text: str, about: str, styles: dict[str, str]) -> str:
-    """An SVG as a part of a page, with a label; ``styles`` gets the class of each style, which all drawings share."""
+    """An SVG as a part of a page, with a label; ``styles`` gets the class of each style."""
     root = fromstring(text)
     for element in root.iter():
         element.tag = element.tag.rpartition("}")[2]  # the page knows the namespaces

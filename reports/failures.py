@@ -1,4 +1,4 @@
-"""Tables on runs under faults: failing groups of captures, ranks of systems, labels that change with the seed."""
+"""Tables on runs under faults: failing groups, ranks, labels that change with the seed."""
 
 from __future__ import annotations
 
@@ -25,11 +25,12 @@ GROUP_COLUMNS = (
 )
 GROUPS = (
     "failing groups of captures without a fault, the largest gap first, at most 10 of each system. "
-    "slices.csv has all groups, also under faults, and conditions.csv every subject, gesture and condition."
+    "slices.csv has all groups, also under faults, and conditions.csv every subject, gesture and "
+    "condition."
 )
 RANKS = (
-    "rank of each system by accuracy under each fault, mean over severities. Kendall's tau compares the order "
-    "with that on clean captures: 1 is the same, -1 the reverse."
+    "rank of each system by accuracy under each fault, mean over severities. Kendall's tau "
+    "compares the order with that on clean captures: 1 is the same, -1 the reverse."
 )
 SEEDS = "clean captures whose label differs between seeds of a system."
 
@@ -57,7 +58,7 @@ def failing_groups(results: Sequence[Result]) -> Table:
 
 
 def fault_ranks(results: Sequence[Result]) -> Table:
-    """Rank of each system (1 is best, ties share) when clean and under each fault; empty for a single system."""
+    """Rank of each system (1 is best) when clean and under each fault; empty for one system."""
     accuracies = pd.DataFrame(
         {
             r.system_with_seed: {"clean": r["accuracy"]}
@@ -79,7 +80,7 @@ def fault_ranks(results: Sequence[Result]) -> Table:
 
 
 def changed_labels(results: Sequence[Result]) -> Table:
-    """How many clean captures change their label with the seed, for each system with several seeds."""
+    """Number of clean captures whose label changes with the seed, of each system with several."""
     labels: dict[str, dict[str, pd.Series]] = {}
     for r in results:
         if (table := r.tables.get("labels")) is not None:

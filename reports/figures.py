@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 SYNTHETIC = "synthetic captures, not people"
 TEXT = 9  # points of all words and numbers of a figure; the page draws all figures on one scale
 WIDEST = 11.0  # inches that a page of 1200 pixels has room for
-TITLE = "title: "  # begins the gid of an artist whose further text the SVG shows when the mouse is on it
-LINE = 0.175  # inches that a line of it needs
+TITLE = "title: "  # begins the gid of an artist; the SVG shows the rest below the mouse
+LINE = 0.175  # inches of a line of text
 MARKERS = "osD^v"
 DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 3)), (0, (8, 3)))
 
@@ -46,8 +46,8 @@ def new_figure(
 ) -> tuple[Figure, np.ndarray]:
     """An empty figure and its axes [rows, columns]; pyplot's global state is not used.
 
-    All places are given in inches (margins: left, right, bottom, top): finding them out by drawing, as matplotlib's
-    layout engines do, takes longer than the drawing itself.
+    All places are given in inches (margins: left, right, bottom, top): finding them out by drawing,
+    as matplotlib's layout engines do, takes longer than the drawing itself.
     """
     from matplotlib.figure import Figure
 
@@ -101,7 +101,7 @@ def save_figure(figure: Figure, folder: Path, name: str, group: str, caption: st
 
 
 def write_svg(figure: Figure, path: Path) -> None:
-    """Write a figure as SVG with its text as text; drawn again, it is the same file, with names of its own."""
+    """Write a figure as SVG, its text as text; drawing it again gives the same file."""
     import matplotlib
 
     one_font = {"svg.fonttype": "none", "font.sans-serif": ["DejaVu Sans"]}
@@ -110,7 +110,7 @@ def write_svg(figure: Figure, path: Path) -> None:
 
 
 def error_bars(value: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """The error bars of matplotlib: distances down and up from each value, 0 without an interval."""
+    """The error bars of matplotlib: distances down and up from each value; 0 without interval."""
     value = np.asarray(value)
     return np.nan_to_num([value - np.asarray(low), np.asarray(high) - value]).clip(0)
 
@@ -134,5 +134,5 @@ def set_log_ticks(axis: Axis, subs: tuple[int, ...] = (1, 2, 5)) -> None:
 
 
 def shorten_names(names: Iterable[str], most: int = 44) -> list[str]:
-    """Names that do not run out of their place, with dollar signs that matplotlib would take for formulas."""
+    """Names that fit into their place, with dollar signs escaped, which would begin formulas."""
     return [(n if len(n) <= most else n[: most - 1] + "…").replace("$", r"\$") for n in names]

@@ -1,7 +1,8 @@
-"""Accuracy, size and time of each system over git revisions, from stored runs, and the revisions of steps.
+"""Accuracy, size and time of each system over git revisions, from stored runs, and their steps.
 
-A step is a run that `bench check` with its usual limits would not call the same as the reference: the first run of the
-system, or the run of the last step. So a slow change is a step, too, where it leaves these limits.
+A step is a run that `bench check` with its usual limits would not call the same as the reference:
+the first run of the system, or the run of the last step. So a slow change is a step, too, where it
+leaves these limits.
 """
 
 from __future__ import annotations
@@ -31,13 +32,13 @@ COLUMNS = (*map(text_measure, ("system", "revision", "before")), text_measure("s
 HEADING = "Over revisions"
 SUMMARY = "accuracy, size and time of each stored revision"
 CAPTION = (
-    "{}: each stored revision, in the order of its runs. A ring marks a step: bench check with its usual limits would "
-    "not report the same. Time is a multiple of the reference workload."
+    "{}: each stored revision, in the order of its runs. A ring marks a step: bench check with its "
+    "usual limits would not report the same. Time is a multiple of the reference workload."
 )
 
 
 def find_steps(results: Sequence[Result]) -> pd.DataFrame:
-    """A row for each run of a system with several revisions, oldest first, with ``step``, empty or what differs."""
+    """A row for each run of a system with several revisions, oldest first, with its ``step``."""
     systems: dict[tuple[str, ...], dict[str, Result]] = {}
     for r in results:  # the newest run of a revision counts, at its time
         revisions = systems.setdefault(tuple(str(r[name]) for name in gate.KEY_TAGS), {})

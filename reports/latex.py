@@ -1,4 +1,4 @@
-"""Tables in LaTeX, with booktabs: one for each corpus, subset, protocol and unit, and one of systems by protocols."""
+"""Tables in LaTeX, with booktabs: one for each set of comparable rows, and systems by protocols."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ FITTED = r"\resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}{"
 
 @dataclass(frozen=True)
 class Paper:
-    """The systems on one corpus, subset and target, the most accurate under the first protocol first.
+    """The systems on one corpus, subset and target, most accurate under the first protocol first.
 
     Attributes:
         corpus: corpus and subset in words.
@@ -78,7 +78,7 @@ class Paper:
 
 
 def comparison_latex(rows: Sequence[Row]) -> str:
-    """The rows of `bench.reports.comparison.score_rows`, a table for each set of comparable ones."""
+    """The rows of `bench.reports.comparison.score_rows`, a table for each comparable set."""
     parts = [[*part] for _, part in groupby(rows, row_context)]
     tables = [_comparison_table(part, i) for i, part in enumerate(parts, 1)]
     return _join_tables("corpus, subset, protocol and unit", tables)
@@ -135,7 +135,7 @@ def _paper_table(paper: Paper, number: int) -> str:
 
 
 def _classifier_sentences(systems: Iterable[str]) -> tuple[list[str], str]:
-    """A sentence for each classifier without parameters, whose names are those of the code; with them as comments."""
+    """A sentence for each classifier without parameters; with them as comments of LaTeX."""
     definitions = define_classifiers(systems)
     comments = "".join(f"% {line}\n" for line in definitions)
     return [re.sub(r" \(\S+=[^)]*\)\.$", ".", line) for line in definitions], comments
@@ -144,7 +144,7 @@ def _classifier_sentences(systems: Iterable[str]) -> tuple[list[str], str]:
 def _table_latex(
     cells: pd.DataFrame, bold: Mapping[Any, np.ndarray], caption: str, label: str
 ) -> str:
-    """A table of text, no wider than its place on a page; ``bold`` has the bold cells of some columns."""
+    """A table of text, no wider than its place on a page; ``bold`` marks cells of some columns."""
     text = cells.map(escape_latex).replace("-", "--")
     for column, mask in bold.items():
         text[column] = text[column].mask(mask, r"\textbf{" + text[column] + "}")
@@ -170,7 +170,7 @@ def _table_latex(
 
 
 def _comparison_caption(rows: Sequence[Row], classifiers: Sequence[str]) -> str:
-    """Data, subset, protocol, unit, number of captures and subjects, and the meaning of the columns."""
+    """Data, subset, protocol, unit, captures and subjects, and the meaning of the columns."""
     first, data = rows[0], rows[0]["data"]
     corpus = re.search(r"corpus [0-9a-f]+$", first["group"])
     subset = "all captures" if first["subset"] == "all" else f"captures with {first['subset']}"
@@ -229,7 +229,7 @@ def parse_columns(value: str | Iterable[str]) -> list[str]:
 
 
 def make_papers(runs: Sequence[Result], columns: Sequence[str]) -> list[Paper]:
-    """A table of some columns for each corpus, subset and target: means over people of complete results."""
+    """A table for each corpus, subset and target: means over people of complete results."""
     corpora: dict[tuple[str, str, str], dict[str, list[Result]]] = {}
     for r in (r for r in runs if r.is_complete):
         data, subset, protocol = r.context

@@ -1,6 +1,7 @@
 """The templates beside this file, filled in: as one HTML page that loads nothing, or as markdown.
 
-A template such as ``report.jinja`` says what stands in which order, in macros of ``html.jinja`` or ``markdown.jinja``.
+A template such as ``report.jinja`` says what stands in which order, in macros of ``html.jinja`` or
+``markdown.jinja``.
 """
 
 from __future__ import annotations
@@ -30,9 +31,10 @@ ESCAPED = {ord(sign): f"\\{sign}" for sign in "\\`*_{}[]<>|#~"}  # in markdown
 
 
 def render_page(template: str | Path, title: str, script: str = "", **values: object) -> str:
-    """A template as one HTML page: styles, script and figures are in it, nothing is loaded from anywhere.
+    """A template as one HTML page, with styles, script and figures; it loads nothing.
 
-    A template of another package is a path. Only the ``script`` of this room runs: the page has its digest.
+    A template of another package is a path. Only the ``script`` of this room runs: the page has its
+    digest.
     """
     styles: dict[str, str] = {}
     body = Markup(
@@ -114,7 +116,7 @@ def _format_code(text: object) -> str:
 
 
 def inline_svg(picture: Picture, styles: dict[str, str]) -> Markup:
-    """A drawing to embed in a page, about a third as long as its file; ``styles`` gets the class of each style.
+    """A drawing to embed in a page, about a third as long as its file.
 
     Its width is in inches, so that the page draws all of them on one scale.
     """

@@ -1,4 +1,4 @@
-"""The ledger: systems under every protocol that was run, and published numbers without the points of their protocol."""
+"""The ledger: systems under every protocol; published numbers without the points of theirs."""
 
 from __future__ import annotations
 
@@ -42,8 +42,10 @@ PUBLISHED_COLUMNS = (
     Measure("points", "points of the protocol [95 %]", form="+.1f", ends="points"),
     Measure("less", "printed less points"),
 )
-NAMES = "data subset system protocol key mixes_subjects accuracy accuracy_low accuracy_high points".split()
-NAMES += "points_low points_high p place subjects".split()  # columns of `make_ledger`
+NAMES = (  # columns of `make_ledger`
+    "data subset system protocol key mixes_subjects accuracy accuracy_low accuracy_high "
+    "points points_low points_high p place subjects"
+).split()
 HEADING = "What a protocol adds"
 SUMMARY = "the same systems under several protocols"
 # By protocol: a run, and accuracy in percent [systems, subjects].
@@ -51,7 +53,7 @@ Accuracies = dict[str, tuple[Result, pd.DataFrame]]
 
 
 def runs_by_captures(results: Sequence[Result]) -> list[list[Result]]:
-    """Complete runs on the same captures under two protocols or more, a list for each set of captures."""
+    """Complete runs on the same captures under several protocols, a list for each captures."""
 
     def captures(result: Result) -> tuple[str, ...]:
         return tuple(str(result.get(name, "")) for name in ("synthetic", *COMPARISON_TAGS[:-1]))
@@ -62,7 +64,7 @@ def runs_by_captures(results: Sequence[Result]) -> list[list[Result]]:
 
 
 def accuracies_by_protocol(results: Sequence[Result]) -> Accuracies:
-    """The first run under each protocol and accuracies of subjects, the highest mean accuracy first."""
+    """The first run under each protocol and accuracies of subjects, the highest mean first."""
     runs: dict[str, list[Result]] = {}
     for r in results:
         runs.setdefault(str(r["protocol_label"]), []).append(r)
@@ -85,13 +87,14 @@ def base_accuracies(accuracies: Accuracies) -> pd.DataFrame:
 
 
 def make_ledger(results: Sequence[Result]) -> pd.DataFrame:
-    """Each system under each protocol that was run, on captures with runs under two protocols or more.
+    """Each system under each protocol, on captures with runs under two protocols or more.
 
     Returns:
-        A row per captures, system and protocol, in percent: ``accuracy``, the mean over subjects with its 95 %
-        t-interval (``accuracy_low``, ``accuracy_high``); ``points`` over LOSO, the mean paired difference over the
-        subjects of both, with ``points_low``, ``points_high`` and ``p`` (two-sided Wilcoxon test); ``place`` of the
-        system under this protocol; ``subjects``; ``mixes_subjects``. NaN where LOSO was not run.
+        A row per captures, system and protocol, in percent: ``accuracy``, the mean over subjects
+        with its 95 % t-interval (``accuracy_low``, ``accuracy_high``); ``points`` over LOSO, the
+        mean paired difference over the subjects of both, with ``points_low``, ``points_high`` and
+        ``p`` (two-sided Wilcoxon test); ``place`` of the system under this protocol; ``subjects``;
+        ``mixes_subjects``. NaN where LOSO was not run.
     """
     parts = [_ledger_rows(accuracies_by_protocol(runs)) for runs in runs_by_captures(results)]
     return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=NAMES)
@@ -128,7 +131,7 @@ def _ledger_rows(accuracies: Accuracies) -> pd.DataFrame:
 
 
 def published_on(data: str) -> pd.DataFrame:
-    """Published numbers on a corpus, with the nearest of our protocols in ``key``; empty for an unknown one."""
+    """Published numbers on a corpus, with the nearest of our protocols in ``key``."""
     papers = load_published()
     papers = papers[(papers["data"] == data) & papers["accuracy"].notna()]
     known = papers["protocol_key"] != "other"
@@ -138,8 +141,9 @@ def published_on(data: str) -> pd.DataFrame:
 def explain_published(data: str, accuracies: Accuracies) -> pd.DataFrame:
     """Published numbers on a corpus, a row each, with the points over LOSO of the nearest protocol.
 
-    These are the mean of all systems that were run under both, with a 95 % t-interval over subjects: 0 for LOSO, NaN
-    where the protocol of a number is unknown or was not run. No rows without runs under LOSO.
+    These are the mean of all systems that were run under both, with a 95 % t-interval over
+    subjects: 0 for LOSO, NaN where the protocol of a number is unknown or was not run. No rows
+    without runs under LOSO.
     """
     base, points_of = base_accuracies(accuracies), {BASE: (0.0, np.nan, np.nan)}
     if base.empty:
@@ -180,7 +184,7 @@ def explained_share(printed: pd.Series, rest: pd.Series) -> float:
 
 
 def spread_sentences(numbers: pd.DataFrame, beside: pd.DataFrame, data: str) -> list[str]:
-    """Sentences on the share of the spread of published numbers that protocols, and runs of ours, explain."""
+    """Sentences on the share of the spread that protocols, and runs of ours, explain."""
     known = numbers[numbers["points"].notna()]
     both = beside[(beside["data"] == data) & beside["ours"].notna()].drop_duplicates("id")
     errors = both["published"] - both["ours"]
@@ -198,9 +202,10 @@ def spread_sentences(numbers: pd.DataFrame, beside: pd.DataFrame, data: str) -> 
 
 
 def missing_commands(results: Sequence[Result]) -> list[str]:
-    """Commands for the protocols that some system of a set lacks: one, if all share command and other arguments.
+    """Commands for the protocols that some system of a set lacks, one for equal arguments.
 
-    The set needs the protocols of a complete ledger, of its other systems, and of published numbers on its captures.
+    The set needs the protocols of a complete ledger, of its other systems, and of published numbers
+    on its captures.
     """
     by_arguments: dict[tuple[str, str], list[Result]] = {}
     for r in results:
@@ -228,7 +233,7 @@ def missing_commands(results: Sequence[Result]) -> list[str]:
 
 
 def draw_slopes(rows: pd.DataFrame, title: str) -> Figure:
-    """Accuracy under each protocol, a line per system, with intervals; lines cross where the order changes."""
+    """Accuracy under each protocol, a line per system; lines cross where the order changes."""
     protocols = rows.drop_duplicates("protocol")
     ordered = rows.sort_values("accuracy", ascending=False, kind="stable")
     systems = ordered["system"].unique()[:SYSTEMS]
@@ -270,7 +275,9 @@ def ledger_exhibits(results: Sequence[Result], beside: pd.DataFrame, folder: Pat
             exhibits.append(Exhibit(HEADING, table=table, caption=f"{words}: not run yet."))
         numbers = explain_published(runs[0]["data"], accuracies)
         if len(numbers) and runs[0]["synthetic"] != "true":
-            caption = "published numbers and the points over LOSO that their protocol alone adds to our systems."
+            caption = (
+                "published numbers and the points over LOSO of their protocol for our systems."
+            )
             table = Table(PUBLISHED_COLUMNS, rows_of_frame(numbers))
             sentences = spread_sentences(numbers, beside, runs[0]["data"])
             exhibits.append(Exhibit(HEADING, None, table, f"{words}: {caption}", sentences))
@@ -298,6 +305,6 @@ def _protocols_exhibit(
     shown = rows[rows["system"].isin(most_accurate)].sort_values("system", kind="stable")
     footnotes = [footnotes_of_system(row.system, row.data) for row in shown.itertuples()]
     table = Table(COLUMNS, rows_of_frame(shown), remarks=footnotes, groups=[*shown["system"]])
-    caption = f"{words}: systems under each protocol; points are paired over the subjects of both protocols."
+    caption = f"{words}: systems under each protocol; points are paired over subjects of both."
     caption += " protocols.csv has all systems." * (len(shown) < len(rows))
     return Exhibit(HEADING, picture, table, caption, [*sentences, *notes], SUMMARY)

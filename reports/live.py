@@ -1,7 +1,7 @@
-"""Numbers of a group of runs for the script of the page, which sorts, filters, compares and downloads them.
+"""Numbers of a group of runs for the script of the page, which sorts, filters and compares them.
 
-All is text as tables show it, except accuracies of subjects, correctly classified captures and tests of pairs. The
-numbers are stored by columns and compressed; browsers can unpack them.
+All is text as tables show it, except accuracies of subjects, correctly classified captures and
+tests of pairs. The numbers are stored by columns and compressed; browsers can unpack them.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ DIGITS = 5  # of percent; the script ignores differences below 1e-4
 
 
 def page_data(summary: Summary, models: Mapping[str, str]) -> str:
-    """The table of a group with all measures, seeds, subjects and captures; empty without a table."""
+    """The table of a group with all measures, seeds, subjects, captures; empty without a table."""
     if summary.table is None or summary.choice is None:
         return ""
     table, subjects = summary.table, summary.choice.candidates.subjects
@@ -97,7 +97,7 @@ def _all_columns(summary: Summary, table: Table) -> list[Measure]:
 def _describe_columns(
     summary: Summary, columns: Sequence[Measure], shown: set[str]
 ) -> list[dict[str, Any]]:
-    """Name and key of each column, whether it is shown at first, and whether a click sorts it upwards."""
+    """Name and key of each column, whether it is shown at first and sorts upwards."""
     cheap = {cost_column(name).name for name in summary.costs if all_costs()[name].better == "low"}
     return [
         {"name": m.name, "key": m.key, "shown": m.name in shown, "up": m.is_text or m.name in cheap}
@@ -106,7 +106,7 @@ def _describe_columns(
 
 
 def _pairs(summary: Summary, rows: Sequence[Mapping[str, Any]]) -> list[list[float | None]]:
-    """Tests of the most accurate systems: numbers of two rows, ends of the interval of their difference, p."""
+    """Tests of systems: numbers of two rows, ends of the interval of their difference, p."""
     place = {row["system"]: i for i, row in enumerate(rows) if row["tested"]}
     pairs = []
     for row in summary.pairs.itertuples():
@@ -153,7 +153,7 @@ def _mean_over_seeds(seeds: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def _capture_labels(summary: Summary, runs: Mapping[str, Sequence[Result]]) -> dict[str, Any]:
-    """True gestures of the captures, and which of them the lowest seed of each system labels correctly."""
+    """True gestures of the captures, and which the lowest seed of each system labels correctly."""
     classes: list[str] = []
     captures = true = np.array([])
     hits: dict[str, str] = {}

@@ -32,7 +32,7 @@ def add_note_column(
     data_of_group: Mapping[str, str] | None = None,
     people_of_group: Mapping[str, int] | None = None,
 ) -> pd.DataFrame:
-    """A table of systems with footnotes in a column ``note``, also on too few subjects; unchanged without any."""
+    """A table of systems with footnotes in a column ``note``; unchanged without any."""
     names = [name for name in ("system", "other", "choice") if name in table]
     if not names or "note" in table:
         return table

@@ -1,6 +1,7 @@
 """One ranking of systems over several corpora, by their ranks within each person (Demsar 2006).
 
-Corpora differ in gestures, sensors and people, so their accuracies are not on one scale. Ranks within a person are.
+Corpora differ in gestures, sensors and people, so their accuracies are not on one scale. Ranks
+within a person are.
 """
 
 from __future__ import annotations
@@ -27,16 +28,18 @@ COLUMNS = (
 )
 SUMMARY = "systems ranked within each person"
 CAPTION = (
-    "{}: mean rank of each system over {} people, 1 for the most accurate, with 95 % bootstrap intervals (people drawn "
-    "within each corpus); then accuracy (and place) on each corpus. Ranks depend on which systems are compared. "
-    "Whether anyone is in two corpora is unknown. ranking.csv has paired differences to the first system."
+    "{}: mean rank of each system over {} people, 1 for the most accurate, with 95 % bootstrap "
+    "intervals (people drawn within each corpus); then accuracy (and place) on each corpus. Ranks "
+    "depend on which systems are compared. Whether anyone is in two corpora is unknown. "
+    "ranking.csv has paired differences to the first system."
 )
 
 
 def rank_over_corpora(groups: Mapping[str, Sequence[Result]]) -> dict[str, pd.DataFrame]:
-    """A table of `rank_systems` for each subset and target of LOSO runs on several corpora, by the groups that it ranks.
+    """A table of `rank_systems` for each subset and target of LOSO runs on several corpora.
 
-    Corpora that were joined or changed at import do not count, since their people are those of another corpus.
+    Corpora that were joined or changed at import do not count, since their people are those of
+    another corpus.
     """
     sets: dict[tuple[str, ...], list[tuple[str, Sequence[Result]]]] = {}
     largest = lambda group: max((r.get("subjects", 0), r["started"]) for r in group[1])  # noqa: E731
@@ -70,7 +73,7 @@ def rank_over_corpora(groups: Mapping[str, Sequence[Result]]) -> dict[str, pd.Da
 
 
 def rank_systems(tables: Mapping[str, pd.DataFrame]) -> pd.DataFrame | None:
-    """Systems by their mean rank within each person, equal ones share theirs; None unless two are on two corpora.
+    """Systems by their mean rank within each person; None unless two are on two corpora.
 
     Ranked are the corpora with the most results, systems that have all of them times people.
     """

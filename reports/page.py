@@ -1,4 +1,4 @@
-"""The report: ``bench report`` makes it from stored runs and the published numbers beside this file."""
+"""The report: ``bench report`` makes it from stored runs and the numbers beside this file."""
 
 from __future__ import annotations
 
@@ -62,11 +62,11 @@ def write_report(
     paper_columns: Sequence[str] = ("accuracy",),
     with_history: bool = False,
 ) -> list[Path]:
-    """Write ``index.html``, ``comparison.md``, LaTeX tables, a CSV file for each table, figures as SVG.
+    """Write ``index.html``, ``comparison.md``, LaTeX tables, CSV tables and figures as SVG.
 
     Args:
         store: store or bundle of the runs.
-        folder: folder for all files; a report that is stopped while it is made leaves the earlier one there.
+        folder: folder for all files; a report that is interrupted leaves the earlier one there.
         budgets: largest or smallest amount of each cost.
         against: system that tests compare with, in each group that has it; empty for the best one.
         selection: values of the selected runs (`bench.reading.runs.select_runs`).
@@ -74,14 +74,16 @@ def write_report(
         with_history: True adds each system over git revisions.
 
     Raises:
-        InputError: no run is stored or selected, ``against`` has no complete run, or the folder cannot be written.
+        InputError: no run is stored or selected, ``against`` has no complete run, or the folder
+            cannot be written.
     """
     results = select_or_fail(load_results(store, selection), selection or {})
     runs = results_on_captures(results)
     systems = sorted({r.system for r in runs if r.is_complete and r.predicts_alone})
     if against and against not in systems:
         raise InputError(
-            f"against={against}: no complete run of this system is stored; {suggest_names(against, systems)}"
+            f"against={against}: no complete run of this system is stored; "
+            f"{suggest_names(against, systems)}"
         )
     revisions = load_clean_runs(store, selection) if with_history else []
     try:
@@ -145,7 +147,7 @@ class Report:
 
     @cached_property
     def views(self) -> list[tuple[Any, list[Result]]]:
-        """Views of captures, studies, circumstances and protocols that apply to a result, with these results."""
+        """Views that apply to a result, also those of protocols, with these results."""
         used = {r["protocol_name"] for r in self.results} & registered_parts("protocols").keys()
         protocols = (load_part("protocols", name) for name in sorted(used))
         places = dict.fromkeys(getattr(protocol, "view", "") for protocol in protocols)

@@ -1,8 +1,8 @@
 """Every published number beside ours under the same protocol and unit, with a verdict.
 
-A verdict compares the printed number with the 95 % interval of ours over subjects: ``within interval``, ``above`` (ours
-is, with its whole interval) or ``below``. Subjects of the paper are other draws than ours, so that within says no more
-than that the two do not contradict each other.
+A verdict compares the printed number with the 95 % interval of ours over subjects: ``within
+interval``, ``above`` (ours is, with its whole interval) or ``below``. Subjects of the paper are
+other draws than ours, so that within says no more than that the two do not contradict each other.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from bench.values.table import Table, rows_of_frame
 
 NAMES = {"cost": "CoST", "haart": "HAART", "cuddlebot": "CuddleBot", "shear": "a sheared skin"}
 SHARED = ["data", "subset", "protocol", "words"]  # of published numbers that stand together
-UNITS = {  # unit_key of published.csv: words, and prefix and name of the metric that is tracked for it
+UNITS = {  # unit_key of published.csv: words, and prefix and name of the tracked metric
     "capture": ("captures", "", "pooled_accuracy"),
     "subject mean": ("captures, mean over subjects", "", "accuracy"),
     "capture vote": ("captures, majority vote", "vote_", "pooled_accuracy"),
@@ -32,21 +32,23 @@ UNITS = {  # unit_key of published.csv: words, and prefix and name of the metric
     "window macro recall": ("windows, macro recall", "window_", "macro_recall"),
 }
 PAPER = (  # columns of published.csv that published.csv of the report has, too
-    "id reference year data subset protocol unit unit_key features n_features classifier accuracy sd confidence system "
-    "table4 table4_sd"
+    "id reference year data subset protocol unit unit_key features n_features classifier accuracy "
+    "sd confidence system table4 table4_sd"
 ).split()
 RENAMED = {"accuracy": "published", "sd": "published_sd"}  # columns of the papers' file
 WHOLE = ("capture", "subject mean", "capture vote")  # units of whole captures
 OWN, OWN_SYSTEMS = "yours", 5  # reference of rows without a paper, and how many of a protocol
-WITHOUT_RUN = {name: np.nan for name in ("ours", "low", "high", "ours_sd", "subjects", "difference")}
+WITHOUT_RUN = {
+    name: np.nan for name in ("ours", "low", "high", "ours_sd", "subjects", "difference")
+}
 WITHOUT_RUN |= {"seed": ""}
 
 
 def compare_with_published(results: Sequence[Result]) -> pd.DataFrame:
-    """Published numbers in percent, a row for each and each seed of ours; one without ours if there is none.
+    """Published numbers in percent, a row for each and each seed of ours, if there is one.
 
-    Only complete runs of the same system count, with the parameters of the paper, on captures of people. ``note`` has
-    a remark a line.
+    Only complete runs of the same system count, with the parameters of the paper, on captures of
+    people. ``note`` has a remark a line.
     """
     runs = _real_runs(results)
     corpora = {r["data"] for r in runs}
@@ -69,9 +71,10 @@ def compare_with_published(results: Sequence[Result]) -> pd.DataFrame:
 
 
 def own_systems(results: Sequence[Result]) -> pd.DataFrame:
-    """Our most accurate systems beside the best number of each published protocol and unit, whatever the systems are.
+    """Our most accurate systems beside the best number of each published protocol and unit.
 
-    Each has its lowest seed; systems that a paper published have their own rows (`compare_with_published`).
+    Each has its lowest seed; systems that a paper published have their own rows
+    (`compare_with_published`).
     """
     runs = _real_runs(results)
     rows = []
@@ -100,7 +103,7 @@ def _real_runs(results: Sequence[Result]) -> list[Result]:
 
 
 def best_published(result: Result) -> tuple[str, str, float] | None:
-    """Source, system and percent of the best published number on whole captures in the setting of a run."""
+    """Source, system and percent of the best published number in the setting of a run."""
     papers = [
         paper
         for paper in load_published().dropna(subset="accuracy").itertuples()
@@ -136,7 +139,7 @@ def _verdict_without_run(paper: Any, corpora: set[str], others: list[str]) -> Ro
 
 
 def _value_beside(run: Result, paper: Any) -> Row | None:
-    """Our number in a published unit with its interval over subjects, None if the run has no such unit."""
+    """Our number in a published unit with its interval, None if the run has no such unit."""
     _, prefix, metric = UNITS.get(paper.unit_key, ("", "", ""))
     if prefix == "vote_" and not run.get("windows", 0) > 0:  # one decision a capture is its vote
         prefix = ""
@@ -166,7 +169,7 @@ def _value_beside(run: Result, paper: Any) -> Row | None:
 
 
 def _interval_in_unit(run: Result, prefix: str, metric: str) -> tuple[float, float]:
-    """In percent; as tracked, or from the run's predictions. NaN for a single subject, or where they are gone."""
+    """Percent, as tracked or from the predictions; NaN for a single subject or without these."""
     if prefix + metric in ("accuracy", "pooled_accuracy"):
         return 100 * run.get(f"{metric}_low", np.nan), 100 * run.get(f"{metric}_high", np.nan)
     table = run.tables.get("predictions")

@@ -20,7 +20,7 @@ SYSTEMS = 10  # systems of a set
 
 @dataclass(frozen=True)
 class Exhibit:
-    """A figure, a table with its caption, and sentences in a section of the page; each may be absent."""
+    """A figure, a table with its caption, and sentences of a section; each may be absent."""
 
     heading: str  # of the section, which has all exhibits with this heading
     picture: Picture | None = None
@@ -68,10 +68,11 @@ def comparable_groups(
     score: str = "accuracy",
     more: str = "",
 ) -> list[tuple[str, list[Result]]]:
-    """At most `GROUPS` sets of comparable results, in words, each with its `SYSTEMS` most accurate systems.
+    """At most `GROUPS` sets of comparable results, in words, with their best `SYSTEMS` systems.
 
-    Each system has its newest complete result of the lowest seed; a result with more numbers whose names begin with
-    ``more`` precedes a newer one. Comparable results share the parameters; ``score`` orders them.
+    Each system has its newest complete result of the lowest seed; a result with more numbers whose
+    names begin with ``more`` precedes a newer one. Comparable results share the parameters;
+    ``score`` orders them.
     """
 
     def precedence(result: Result) -> tuple[int, int]:

@@ -1,4 +1,4 @@
-"""The report on one group of comparable runs: tests, choice, tables and sentences, each computed once."""
+"""The report on one group of comparable runs: tests, choice, tables and sentences."""
 
 from __future__ import annotations
 
@@ -165,7 +165,7 @@ class Summary:
 
     @property
     def chosen(self) -> dict[str, str]:
-        """The chosen system: ``name``, ``accuracy``, ``interval`` and ``costs``; empty if none is."""
+        """The chosen system: ``name``, ``accuracy``, ``interval``, ``costs``; empty without any."""
         if self.choice is None or self.choice.chosen is None:
             return {}
         row = self.choice.table.loc[self.choice.chosen]
@@ -198,10 +198,11 @@ class Summary:
 
     @cached_property
     def table(self) -> Table | None:
-        """The systems on whole captures, and the chosen candidate, most accurate first; None without candidates.
+        """The systems on whole captures, and the chosen candidate, most accurate first.
 
-        ``rank`` has the places that a system may have by the test, ``difference`` is the accuracy minus that of the
-        compared system, in points, and ``test`` is p Holm, n.s., or the reason why there is none.
+        ``rank`` has the places that a system may have by the test, ``difference`` is the accuracy
+        minus that of the compared system, in points, and ``test`` is p Holm, n.s., or the reason
+        why there is none.
         """
         if self.choice is None or not len(self.subjects):
             return None
@@ -243,7 +244,7 @@ class Summary:
         return Table(columns, rows, bold=bold, remarks=footnotes)
 
     def _rank_words(self) -> dict[str, str]:
-        """The places of each tested system, marked if the test cannot separate it from the first."""
+        """The places of each tested system, marked if it is inseparable from the first."""
         places = statistics.rank_ranges(statistics.compared_systems(self.subjects, self.against))
         several_first = bool((places["best"] == 1).sum() > 1)
         words = {}
@@ -253,7 +254,7 @@ class Summary:
         return words
 
     def _test_words(self, system: str) -> str:
-        """Corrected p of a system against the compared one, n.s., or the reason why there is none."""
+        """Corrected p of a system against the compared one, n.s., or the reason for no test."""
         if system == self.base:
             return "reference"
         if self.few:
@@ -282,7 +283,7 @@ def cost_column(name: str) -> Measure:
 
 
 def model_family(model: str) -> str:
-    """``networks``, ``features`` (classifiers on features), or ``own`` for a model that is none of ours."""
+    """``networks``, ``features`` (classifiers on features), or ``own`` for other models."""
     place = registered_parts("models").get(model, "")
     if not place.startswith("bench.models."):
         return "own"
@@ -294,8 +295,8 @@ def split_largest_groups(
 ) -> tuple[dict[str, Sequence[Result]], list[str]]:
     """Results by group, and the names of groups beyond `GROUPS`.
 
-    People precede generated captures, protocols with new persons those that mix subjects; then come the groups with
-    most subjects, then those with most systems.
+    People precede generated captures, protocols with new persons those that mix subjects; then come
+    the groups with most subjects, then those with most systems.
     """
 
     def precedence(name: str) -> tuple:
@@ -355,7 +356,7 @@ def summarise_group(
 
 
 def _choose_command(table: pd.DataFrame, first: Result, results: Sequence[Result]) -> str:
-    """The command that chooses among the candidates of a group; empty where its words mean other runs, too."""
+    """The command that chooses in a group; empty if its words would mean other runs, too."""
     # Of the first candidate whose run was typed; those made from Python with objects have none.
     arguments = next((json.loads(text) for text in table["arguments"] if text), {})
     if not arguments:
@@ -374,7 +375,7 @@ def _choose_command(table: pd.DataFrame, first: Result, results: Sequence[Result
 def compare_systems(
     results: Sequence[Result], against: str = ""
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Accuracy in percent [systems, subjects], best first, and the statistics of each system against the compared one.
+    """Accuracy in percent [systems, subjects], best first, and the statistics of each system.
 
     Both are empty without a complete run.
     """

@@ -1,1 +1,1 @@
-"""What is shown of captures, circumstances and studies, a file each; `bench.ground.registry.load_views` finds them by name."""
+"""Views of captures, circumstances and run kinds; `bench.ground.registry.load_views` finds them."""

@@ -1,6 +1,7 @@
-"""The base of all views: tables, exhibits, files and candidates of a circumstance, or of the runs of a study.
+"""The base of all views: tables, exhibits, files and candidates of a circumstance or run kind.
 
-Nothing heavy is imported at the top of a view's file, so that help knows all costs. No key of a run depends on it.
+Nothing heavy is imported at the top of a view's file, so that help knows all costs. No key of a run
+depends on it.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ class View:
 
     Args:
         key: key of the circumstance or study; ``run`` for captures.
-        tracked: names of its options as parameters of a run; a run that has the first has the circumstance.
+        tracked: names of its options as parameters of a run, which has the circumstance if it has
+            the first one.
         tag: kind of the runs of captures or of a study; empty for a circumstance.
     """
 
@@ -37,8 +39,8 @@ class View:
     marks_best: ClassVar[bool] = False  # True if the table marks the most accurate of several
     score: ClassVar[str] = "accuracy"  # number by which results are ranked
     costs: ClassVar[tuple[Cost, ...]] = ()  # further costs by which systems are chosen
-    # Parameters that two results share if they may be compared: words with ``{}`` for the value, and the usual value,
-    # which needs no words.
+    # Parameters that two results share if they may be compared: words with ``{}`` for the value,
+    # and the usual value, which needs no words.
     shared_parameters: ClassVar[Mapping[str, tuple[str, str]]] = {}
     noun: ClassVar[str] = ""  # for what its levels count, such as "captures of each class"
     section_heading: ClassVar[str] = ""  # of its section of the page; empty for ``heading``
@@ -93,10 +95,10 @@ class View:
         return "bench report"
 
     def draw_run(self, result: Result, folder: Path) -> None:
-        """Draw the figures of a run for MLflow's page into a folder; ``bench ui`` calls this once."""
+        """Draw the figures of a run for MLflow's page into a folder; ``bench ui`` calls it once."""
 
     def make_exhibits(self, results: Sequence[Result], folder: Path) -> list[Exhibit]:
-        """A figure and a table of each set of comparable systems; figures are written into the folder."""
+        """A figure and a table of each set of comparable systems; figures lie in the folder."""
         from bench.reports.sections import comparable_groups, view_exhibit
 
         groups = comparable_groups(results, self.shared_parameters, self.score)
@@ -157,7 +159,7 @@ class View:
     def losses_by_subject(
         self, results: Sequence[Result], faults: Sequence[str], severity: int, reactions: Reactions
     ) -> pd.DataFrame | None:
-        """Points lost in each case [cases, subjects], for costs of losses; None if it measures none."""
+        """Points lost in each case [cases, subjects], for costs of losses; None without any."""
         return None
 
     def gesture_names(self, result: Result) -> tuple[str, ...]:

@@ -33,7 +33,7 @@ def applied_views(results: Sequence[Result]) -> Iterator[tuple[View, list[Result
 
 
 def warn_of_one_label(results: Sequence[Result]) -> str:
-    """A warning of systems that predict one label for all test captures of a fold with several classes."""
+    """A warning of systems that predict one label for all test captures of a fold."""
     from bench.values.scores import label_captures
 
     systems = []

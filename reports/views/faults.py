@@ -68,11 +68,11 @@ ON_PAGE = (  # columns of the table on the page, before the worst groups of capt
     Measure("failing", "failing of tested groups", _failing),
 )
 CAPTION = (
-    "faults and groups of captures on which each system fails. The number after each fault is the severity "
-    "from 1 to 5 at which half of the margin over chance is lost. Groups are subjects, gestures, conditions, "
-    "faults and pairs of these; failing groups have an accuracy significantly below that of the system "
-    "(Benjamini-Hochberg). faults.csv has every severity, half_margins.csv the size of "
-    "the fault at half of the margin."
+    "faults and groups of captures on which each system fails. The number after each fault is the "
+    "severity from 1 to 5 at which half of the margin over chance is lost. Groups are subjects, "
+    "gestures, conditions, faults and pairs of these; failing groups have an accuracy "
+    "significantly below that of the system (Benjamini-Hochberg). faults.csv has every severity, "
+    "half_margins.csv the size of the fault at half of the margin."
 )
 TABLES = ("faults", "conditions", "slices")  # CSV files of the report
 HEAT = "Points of accuracy lost under each fault, mean over five severities, worst fault first."
@@ -91,7 +91,8 @@ class Faults(View):
     section_heading: ClassVar[str] = "Faults"
     section_summary: ClassVar[str] = "points of accuracy lost under each fault"
     heading: ClassVar[str] = (
-        "Accuracy in percent of clean captures, mean over subjects, and mean loss in points over all faults"
+        "Accuracy in percent of clean captures, mean over subjects, and mean loss in points over "
+        "all faults"
     )
     columns: ClassVar[tuple[Measure, ...]] = (
         percent_measure("accuracy", "clean"),
@@ -178,7 +179,7 @@ class Faults(View):
     def losses_by_subject(
         self, results: Sequence[Result], faults: Sequence[str], severity: int, reactions: Reactions
     ) -> pd.DataFrame | None:
-        """Points lost under each fault at each severity [cases, subjects], in some runs of one system."""
+        """Points lost under each fault at each severity [cases, subjects] of one system."""
         from bench.reading.reactions import points_lost
 
         return points_lost(results, faults, severity, reactions, self.key)

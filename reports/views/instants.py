@@ -17,14 +17,8 @@ if TYPE_CHECKING:
     from bench.values.candidate import Candidate
     from bench.values.result import Result
 
-CONTEXT = (
-    "system",
-    "data",
-    "synthetic",
-    "subset",
-    "target",
-    "protocol_label",
-)  # of a run, in its tables
+# Attributes of a run in its tables.
+CONTEXT = ("system", "data", "synthetic", "subset", "target", "protocol_label")
 ON_PAGE = (  # columns of the table on the page, after the times
     percent_measure("replay_accuracy", "whole"),
     percent_measure("adaptive_accuracy", "adaptive", spare=1),
@@ -32,10 +26,11 @@ ON_PAGE = (  # columns of the table on the page, after the times
     Measure("replay_ms", "computing ms p50 / p95", ("replay_ms_p50", "replay_ms_p95")),
 )
 CAPTION = (
-    "accuracy in percent, mean over subjects, after given milliseconds of touch, and with adaptive stopping after "
-    "a mean time of touch; computing time per decision."
+    "accuracy in percent, mean over subjects, after given milliseconds of touch, and with adaptive "
+    "stopping after a mean time of touch; computing time per decision."
 )
-DRAWN = "Left: accuracy against milliseconds of touch. Right: fixed windows and adaptive stopping."
+COMPUTING = ("replay_ms_p50", "replay_ms_p95", "replay_ms_p99")
+FIGURE = "Left: accuracy against milliseconds of touch. Right: fixed windows and adaptive stopping."
 
 
 class Instants(View):
@@ -57,9 +52,7 @@ class Instants(View):
         Measure("mean_ms", "mean ms", form=".0f", spare=16),
         percent_measure("adaptive_accuracy", "early stop %"),
         Measure("adaptive_ms", "at mean ms", form=".0f"),
-        Measure(
-            "decide_ms", "computing ms", tuple(f"replay_ms_p{p}" for p in (50, 95, 99)), spare=14
-        ),
+        Measure("decide_ms", "computing ms", COMPUTING, spare=14),
         Measure("decisions_per_second", "decisions per s", form=".0f", spare=15),
     )
     costs: ClassVar[tuple[Cost, ...]] = (
@@ -79,18 +72,15 @@ class Instants(View):
 
     def table_columns(self, results: Sequence[Result]) -> Sequence[Measure]:
         """Columns of the times that results have, and of early stopping where it was learned."""
-        start, *others = (
-            m
-            for m in self.columns
-            if self._has_learned_stopping(results) or not m.key.startswith("adaptive")
-        )
+        start, *others = self.columns
+        if not self._has_learned_stopping(results):
+            others = [m for m in others if not m.key.startswith("adaptive")]
         return [start, *self.accuracy_columns(results), *others]
 
     def accuracy_columns(self, results: Sequence[Result]) -> list[Measure]:
         """Accuracy after each time that was asked for, or after round ones."""
-        times = {
-            k.split("_")[2] for r in results for k in r.metrics if k.startswith("accuracy_at_")
-        }
+        names = (name for r in results for name in r.metrics if name.startswith("accuracy_at_"))
+        times = {name.split("_")[2] for name in names}
         spare = {"500": 0, "1000": 0, "250": 5, "2000": 6}
         return [
             percent_measure(f"at_{ms}", f"{ms} ms", f"accuracy_at_{ms}_ms", spare=spare.get(ms, 7))
@@ -99,10 +89,8 @@ class Instants(View):
 
     def table_title(self, results: Sequence[Result]) -> str:
         """Heading of the table, which says whether stopping was learned."""
-        return (
-            self.heading
-            + "; stopping learned on training subjects" * self._has_learned_stopping(results)
-        )
+        learned = "; stopping learned on training subjects" * self._has_learned_stopping(results)
+        return self.heading + learned
 
     def _has_learned_stopping(self, results: Sequence[Result]) -> bool:
         return any("adaptive_accuracy" in r for r in results)
@@ -125,7 +113,7 @@ class Instants(View):
 
     def page_captions(self) -> tuple[str, str]:
         """Captions of the figure and of the table on the page."""
-        return DRAWN, CAPTION
+        return FIGURE, CAPTION
 
     def draw_for_page(self, results: Sequence[Result]) -> Figure:
         """Accuracy against touch seen."""
@@ -134,18 +122,19 @@ class Instants(View):
         return draw_touch_seen(results)
 
     def csv_tables(self, results: Sequence[Result]) -> dict[str, pd.DataFrame]:
-        """Accuracy by instant of all systems, and of stopping at each threshold where it was learned."""
+        """Accuracy by instant of all systems, and of each threshold if stopping was learned."""
         import pandas as pd
 
-        made = {}
-        for name, table in (("streaming", "instants"), ("stopping", "stopping")):
+        tables = {}
+        for file, name in (("streaming", "instants"), ("stopping", "stopping")):
             parts = []
-            for r in (r for r in results if table in r.tables):
-                about = {k: r[k] for k in CONTEXT} | {"start": r["stream.start"]}
-                parts.append(r.tables[table].assign(**about)[[*about, *r.tables[table]]])
+            for r in (r for r in results if name in r.tables):
+                context = {key: r[key] for key in CONTEXT} | {"start": r["stream.start"]}
+                table = r.tables[name]
+                parts.append(table.assign(**context)[[*context, *table]])
             if parts:
-                made[name] = pd.concat(parts, ignore_index=True)
-        return made
+                tables[file] = pd.concat(parts, ignore_index=True)
+        return tables
 
     def has_candidate(self, result: Result) -> bool:
         """True for a replay from the onset."""

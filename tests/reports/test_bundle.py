@@ -12,8 +12,8 @@ from bench.errors import InputError
 from bench.reading.runs import load_results
 from bench.reports.bundle import FORMAT, HEAD, TIME, Bundle
 from bench.store.client import connect
-from tests.reports.store import stressed, tracked_run
 from tests.reading.results import make_predictions, predictions_with_hits
+from tests.reports.store import stressed, tracked_run
 
 
 def files_of(folder):

@@ -34,13 +34,13 @@ def test_the_chart_marks_the_choice_budgets_and_what_they_rule_out():
     points = points.assign(flash=range(1, 22), worst_person=[0.0, *range(10, 30)], ram=np.nan)
     points.loc[0, "chosen"], points.loc[20, "out"] = True, True
     flash, _ = chart.draw_cost_chart(
-        "g", points, all_costs()["flash"], 20.5, left=3, best=("Zhou & Du", "CNN", 76.1)
+        "g", points, all_costs()["flash"], 20.5, omitted=3, best=("Zhou & Du", "CNN", 76.1)
     )
     worst, _ = chart.draw_cost_chart("g", points, all_costs()["worst_person"])
     assert chart.draw_cost_chart("g", points, all_costs()["ram"]) is None
     zero, _ = chart.draw_cost_chart("g", points.iloc[1:], all_costs()["worst_person"], 0.0)
     assert (
-        float(re.search(r'<line x1="(.*?)%".*?b85c00', zero)[1]) == chart.EDGES[0]
+        float(re.search(r'<line x1="(.*?)%".*?b85c00', zero)[1]) == chart.LEFT
     )  # a budget of 0 is on the axis
     marks = {
         re.search(r">([^<]*)</text>", mark)[1]: mark

@@ -5,8 +5,8 @@ import pytest
 
 from bench.reports.history import draw_history, find_steps, history_exhibits, history_sheet
 from bench.reports.page import write_report
-from tests.reports.store import tracked_run
 from tests.reading.results import make_run, predictions_with_hits
+from tests.reports.store import tracked_run
 
 
 def run(git, right, cost=1.0, relative=2.0, **about):

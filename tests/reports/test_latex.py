@@ -21,8 +21,8 @@ from bench.reports.latex import (
     papers_table,
 )
 from bench.values.result import BATCH_MARK
-from tests.reports.store import tracked_run
 from tests.reading.results import make_run, predictions_with_hits
+from tests.reports.store import tracked_run
 
 
 def row(system, accuracy, **more):

@@ -28,7 +28,6 @@ from bench.reports.live import page_data
 from bench.reports.summary import summarise_group
 from bench.values.measures import all_costs
 from bench.values.result import BATCH_MARK, BATCH_TAG
-from tests.reports.store import keep, tracked_run
 from tests.reading.results import (
     HAART,
     make_predictions,
@@ -37,6 +36,7 @@ from tests.reading.results import (
     make_stress_run,
     predictions_with_hits,
 )
+from tests.reports.store import keep, tracked_run
 
 HOSTILE = 'svm[x=<script>alert(1)</script>|"&*_] · `a`'
 
