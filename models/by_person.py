@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 from sklearn.pipeline import Pipeline
 
-from bench.corpora.corpus import Corpus, corpus_origin
+from bench.corpora.corpus import Corpus, unblind
 from bench.features.base import is_stateless
 from bench.features.cache import cache_key
 
@@ -39,7 +39,7 @@ class PerPersonPipeline(Pipeline):
         """Fit to captures and their class names."""
         (_, features), (_, classifier) = self.steps
         started = _read_clocks()
-        origin = corpus_origin(X)
+        origin = unblind(X)
         is_stored = origin.path is not None and not origin.steps
         persons = _rows_by_person(X) if is_stored and is_stateless(features) else []
         width = len(features.fit(X).get_feature_names_out()) if persons else 0
@@ -93,4 +93,4 @@ def _rows_by_person(X: Corpus) -> list[np.ndarray]:
 
 def _person_key(X: Corpus, rows: np.ndarray, y: np.ndarray) -> bytes:
     """Hash of the captures of a person and their class names."""
-    return blake2b(repr([*map(str, y)]).encode() + corpus_origin(X).index[rows].tobytes()).digest()
+    return blake2b(repr([*map(str, y)]).encode() + unblind(X).index[rows].tobytes()).digest()

@@ -13,7 +13,7 @@ from sklearn.base import clone
 from sklearn.pipeline import Pipeline
 
 from bench import contract
-from bench.corpora.corpus import COPY, Corpus, corpus_origin, shared_frames
+from bench.corpora.corpus import COPY, Corpus, unblind, shared_frames
 from bench.corpora.faults import usual_faults
 from bench.corpora.windows import Step, Windows
 from bench.errors import InputError, check_value
@@ -159,7 +159,7 @@ class Recipe(MostProbable):
         table, proba = contract.predict_decisions(self.system_, seen)
         position = table["capture"].to_numpy()
         capture = source[position]
-        shift = (corpus_origin(seen).piece[position] - corpus_origin(X).piece[capture]) % COPY
+        shift = (unblind(seen).piece[position] - unblind(X).piece[capture]) % COPY
         return table.assign(capture=capture, start=table["start"].to_numpy() + shift), proba
 
     def predict_proba(self, X: Corpus) -> np.ndarray:

@@ -104,7 +104,7 @@ def count_parameters(estimator: contract.System) -> int:
 
 
 def _count_pipeline(system: contract.System) -> int:
-    """Count the learnt numbers of a feature set, the steps after it and a classifier; no scalers."""
+    """Count the learnt numbers of a feature set and of the steps after it but scalers."""
     *before, classifier = _flatten_pipeline(system)
     counted = [step for step in before[1:] if not _is_scaler(step)] + [classifier]
     features = contract.learnt_numbers(before[0]) or 0 if before else 0

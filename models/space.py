@@ -26,7 +26,7 @@ class Range:
 
 
 Space = dict[str, Range | Sequence]
-Trial = dict[str, object]  # a value of each parameter
+Trial = dict[str, Any]  # a value of each parameter
 # Of a cell: its space, arguments of `bench.models.search.tuning.Search`, and smallest=.
 Tuning = dict[str, Any]
 

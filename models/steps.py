@@ -13,7 +13,7 @@ from functools import partial
 
 import numpy as np
 
-from bench.corpora.corpus import COPY, Corpus, corpus_origin, shared_frames
+from bench.corpora.corpus import COPY, Corpus, unblind, shared_frames
 from bench.corpora.faults import SEVERITIES, all_faults, as_readings, as_shares, seeded_generator
 from bench.corpora.windows import Step
 from bench.errors import InputError, check_value, suggest_names
@@ -40,7 +40,7 @@ class _CopyingStep(Step):
         """Captures and their copies, whose pieces are ``stride`` apart."""
         source = self.source_rows(corpus)
         copy = np.tile(np.arange(self.copies + 1, dtype=np.int64), len(corpus))
-        piece = corpus_origin(corpus).piece[source] + copy * stride
+        piece = unblind(corpus).piece[source] + copy * stride
         return _with_frames(corpus[source], arrays, self, piece=piece)
 
 
@@ -75,7 +75,7 @@ class DamagedCopies(_CopyingStep):
     def __call__(self, corpus: Corpus) -> Corpus:
         """Captures, each followed by its copies."""
         faults = [all_faults()[name] for name in self.faults]
-        index = corpus_origin(corpus).index
+        index = unblind(corpus).index
         arrays: list[np.ndarray] = []
         for i, shares in enumerate(as_shares(corpus, np.arange(len(corpus)))):
             arrays.append(corpus[i])
@@ -105,7 +105,7 @@ class TurnedCopies(_CopyingStep):
     def __call__(self, corpus: Corpus) -> Corpus:
         """Captures, each followed by its copies."""
         mountings = _list_mountings(corpus.grid)
-        origin = corpus_origin(corpus)
+        origin = unblind(corpus)
         arrays: list[np.ndarray] = []
         for i, frames in enumerate(corpus):
             arrays.append(frames)
@@ -165,7 +165,7 @@ class Repair(Step):
             frames = repaired[end - len(capture) : end]
             frames[:] = capture
             self._repair_frames(frames, corpus.full_scale, settled)
-        steps, lengths = (*corpus_origin(corpus).steps, self), corpus.lengths.astype(np.int64)
+        steps, lengths = (*unblind(corpus).steps, self), corpus.lengths.astype(np.int64)
         return corpus.with_fields(frames=repaired, lengths=lengths, steps=steps)
 
     def _repair_frames(self, frames: np.ndarray, full_scale: float, settled: int) -> None:
@@ -260,6 +260,6 @@ def _with_frames(
     return corpus.with_fields(
         frames=np.concatenate(arrays) if arrays else shared_frames(corpus)[0][:0],
         lengths=np.array([len(frames) for frames in arrays], dtype=np.int64),
-        steps=(*corpus_origin(corpus).steps, step),
+        steps=(*unblind(corpus).steps, step),
         **fields,
     )

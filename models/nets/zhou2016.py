@@ -93,7 +93,7 @@ class Zhou2016LRCN(Zhou2016):
 
 
 class Zhou2016GMLSTM(Zhou2016):
-    """Ten geometric moments of each frame, an LSTM of 128 units over frames, its last state decides."""
+    """Ten geometric moments of each frame and an LSTM of 128 units, whose last state decides."""
 
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
         """The untrained network for one grid."""

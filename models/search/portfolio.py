@@ -1,8 +1,8 @@
-"""The search space of `bench.models.search.auto`: systems and their ranges, first trials, and expected costs.
+"""The search space of `bench.models.search.auto`: models, ranges, first trials, expected times.
 
-A trial is a dict, as Optuna's are: ``model``, ``features``, what captures go through first (``window``, ``repair``,
-``faults``, ``scale`` of `bench.models.recipe.Recipe`), the share of ``columns`` that an F-test keeps, and parameters of
-the model as ``svm.C``.
+A trial is a dict, as Optuna's are: ``model``, ``features``, what captures go through first
+(``window``, ``repair``, ``faults``, ``scale`` of `bench.models.recipe.Recipe`), the share of
+``columns`` that an F-test keeps, and parameters of the model as ``svm.C``.
 """
 
 from __future__ import annotations
@@ -75,8 +75,8 @@ SPACES: dict[str, Space] = {
     },
     "perceptron": {"units": Range(8, 64, log=True), "updates": Range(300, 3000, log=True)},
 }
-# Cheap ones first. Chosen on generated captures in three calibrations and the training people of HAART's challenge
-# split: docs/notes/systems.md, auto.
+# Cheap ones first. Chosen on generated captures in three calibrations and the training people of
+# HAART's challenge split: docs/notes/systems.md, auto.
 FIRST_TRIALS: list[Trial] = [
     {"model": "lda", "lda.shrinkage": 0.2},
     {"model": "lda", "window": 1.0, "lda.shrinkage": 0.2, "lda.windows": 2.0},
@@ -95,7 +95,7 @@ FIRST_TRIALS: list[Trial] = [
 
 
 class BestColumns(TransformerMixin, BaseEstimator):
-    """The share of the columns of a table, at least one, in which classes differ most by an F-test."""
+    """Keeps the share of the columns of a table, at least one, with the largest F statistics."""
 
     parameters_ = 0  # features that are not kept need not be computed: nothing is stored
 
@@ -103,91 +103,90 @@ class BestColumns(TransformerMixin, BaseEstimator):
         self.share = share
 
     def fit(self, X: pd.DataFrame, y: np.ndarray) -> BestColumns:
-        """Judge the columns [rows, n_features] by class names [rows]."""
+        """Rank the columns [rows, n_features] by class names [rows]."""
         with warnings.catch_warnings(), np.errstate(all="ignore"):
-            warnings.simplefilter("ignore")  # of columns that do not vary
-            ratio = np.nan_to_num(
-                f_classif(np.asarray(X, dtype=np.float64), y)[0], nan=-1.0, posinf=np.inf
-            )
+            warnings.simplefilter("ignore")  # of constant columns
+            ratio, _ = f_classif(np.asarray(X, dtype=np.float64), y)
+        ratio = np.nan_to_num(ratio, nan=-1.0, posinf=np.inf)
         count = max(1, round(self.share * X.shape[1]))
         self.kept_ = np.sort(np.argsort(-ratio, kind="stable")[:count])
         return self
 
     def transform(self, X: pd.DataFrame) -> pd.DataFrame:
-        """The kept columns; the labels of the rows stay."""
+        """The kept columns, with the index of the rows."""
         return X.iloc[:, self.kept_]
 
 
+def _first_steps() -> Trial:
+    """The first value of each step, which is its default."""
+    return {name: list(values)[0] for name, values in STEP_SPACE.items()}
+
+
+def _own_values(trial: Trial) -> Trial:
+    """Parameters of a trial's model, by name."""
+    prefix = f"{trial['model']}."
+    return {k.removeprefix(prefix): v for k, v in trial.items() if k.startswith(prefix)}
+
+
 def with_defaults(trial: Trial) -> Trial:
-    """A trial completed with the sampler's defaults."""
-    usual = {"model": trial["model"], "features": "touch"} | {
-        k: list(values)[0] for k, values in STEP_SPACE.items()
-    }
-    defaults = parameter_defaults(MODELS[str(trial["model"])])
-    return (
-        usual | {f"{trial['model']}.{k}": defaults[k] for k in SPACES[str(trial["model"])]} | trial
-    )
+    """Complete a trial with the defaults of features, steps and its model."""
+    model = trial["model"]
+    defaults = parameter_defaults(MODELS[model])
+    own = {f"{model}.{name}": defaults[name] for name in SPACES[model]}
+    return {"model": model, "features": "touch"} | _first_steps() | own | trial
 
 
 def make_system(trial: Trial, seed: int) -> contract.System:
-    """The untrained system of a trial."""
-    name = str(trial["model"])
-    values: dict[str, object] = {
-        k.partition(".")[2]: v for k, v in trial.items() if k.startswith(f"{name}.")
-    }
-    values |= {"seed": seed} if "seed" in parameter_defaults(MODELS[name]) else {}
-    steps = contract.build_system(MODELS[name], "passthrough", **values).steps[1:]
-    columns = (
-        [("columns", BestColumns(float(str(trial["columns"]))))] if trial["columns"] != 1 else []
-    )
-    pipeline = Pipeline([("features", clone(FEATURES[str(trial["features"])])), *columns, *steps])
-    return recipe.build_recipe(
-        lambda: pipeline, None, **{k: trial[k] for k in ("window", "repair", "faults", "scale")}
-    )
+    """Make the untrained system of a complete trial."""
+    factory, values = MODELS[trial["model"]], _own_values(trial)
+    if "seed" in parameter_defaults(factory):
+        values["seed"] = seed
+    classifier_steps = contract.build_system(factory, "passthrough", **values).steps[1:]
+    steps = [("features", clone(FEATURES[trial["features"]]))]
+    if trial["columns"] != 1:
+        steps.append(("columns", BestColumns(trial["columns"])))
+    pipeline = Pipeline([*steps, *classifier_steps])
+    options = {name: trial[name] for name in ("window", "repair", "faults", "scale")}
+    return recipe.build_recipe(lambda: pipeline, None, **options)
 
 
 def expected_fit_seconds(trial: Trial, X: Corpus, width: int, classes: int) -> float:
-    """Seconds that a fit of a complete trial should take on one core of 2024, by how its work grows."""
-    width = max(1, round(width * float(str(trial["columns"]))))
-    window = float(str(trial["window"]))
-    rows = len(Windows(window).source_rows(X) if window else X) * (
-        1 + COPIES * bool(trial["faults"])
-    )
-    return MIN_FIT_S + _expected_classifier_seconds(trial, rows, width, classes)
+    """Seconds that a fit of a complete trial should take on one core of 2024.
 
-
-def _expected_classifier_seconds(trial: Trial, rows: int, width: int, classes: int) -> float:
-    def value(name: str) -> float:
-        return float(str(trial[f"{trial['model']}.{name}"]))
-
+    Args:
+        trial: the trial.
+        X: captures.
+        width: number of features.
+        classes: number of classes.
+    """
+    width = max(1, round(width * trial["columns"]))
+    window, copies = trial["window"], COPIES if trial["faults"] else 0
+    rows = len(Windows(window).source_rows(X) if window else X) * (1 + copies)
+    own = _own_values(trial)
     match trial["model"]:
         case "lda":
-            return 1e-10 * (rows + width) * width**2
+            seconds = 1e-10 * (rows + width) * width**2
         case "svm":
-            return 4e-10 * rows**2 * width
+            seconds = 4e-10 * rows**2 * width
         case "softmax":
-            return 5e-8 * rows * width * classes
-        case "et" | "rf":
-            tried = value("tried") * width if value("tried") else width**0.5
-            return (
-                (1e-8 if trial["model"] == "et" else 2.2e-8)
-                * value("trees")
-                * rows
-                * np.log2(rows + 2)
-                * tried
-            )
+            seconds = 5e-8 * rows * width * classes
+        case "et" | "rf" as model:
+            tried = own["tried"] * width if own["tried"] else width**0.5
+            factor = 1e-8 if model == "et" else 2.2e-8
+            seconds = factor * own["trees"] * rows * np.log2(rows + 2) * tried
         case "xgb":
-            return 3.2e-9 * value("trees") * classes * width * (rows + 1200)
+            seconds = 3.2e-9 * own["trees"] * classes * width * (rows + 1200)
         case _:  # perceptron
-            return value("updates") / 3000 * (3 + 6.6e-5 * width * value("units"))
+            seconds = own["updates"] / 3000 * (3 + 6.6e-5 * width * own["units"])
+    return MIN_FIT_S + seconds
 
 
 def describe_trial(trial: Trial) -> str:
-    """A trial in words: ``lda · touch, window 1, shrinkage 0.2``; default steps and columns are left out."""
-    first = {k: list(values)[0] for k, values in STEP_SPACE.items()}
-    parts = [f"{k} {_format_value(trial[k])}" for k in first if trial[k] != first[k]]
-    parts += [f"{k.partition('.')[2]} {_format_value(v)}" for k, v in trial.items() if "." in k]
-    return f"{trial['model']} · {', '.join([str(trial['features']), *parts])}"
+    """Describe a trial, without default steps: ``lda · touch, window 1, shrinkage 0.2``."""
+    steps = {k: trial[k] for k, first in _first_steps().items() if trial[k] != first}
+    values = (steps | _own_values(trial)).items()
+    words = [trial["features"], *(f"{name} {_format_value(value)}" for name, value in values)]
+    return f"{trial['model']} · {', '.join(words)}"
 
 
 def _format_value(value: object) -> str:

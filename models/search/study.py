@@ -1,4 +1,4 @@
-"""The engine of `bench tune` and `auto`: inner folds, and trials drawn by Optuna, judged, and stored to be resumed."""
+"""The engine of `bench tune` and `auto`: trials that Optuna draws, stored for resuming."""
 
 from __future__ import annotations
 
@@ -21,42 +21,41 @@ from bench.ground.scratch import data_folder, write_then_rename
 from bench.ground.source import package_versions, source_digest
 from bench.models.space import Range, Space, Trial, make_distribution, suggest_value
 
-WORSE_P = (
-    0.1  # p-value of a signed-rank test over subjects below which a trial is not followed further
-)
+WORSE_P = 0.1  # p-value of a signed-rank test over subjects below which a trial is pruned
 
 
-@dataclass
+@dataclass(eq=False)
 class FinishedTrial:
-    """A finished trial, the accuracy of each left-out training subject in the order in which they were left out."""
+    """A finished trial; its subjects are in the order in which they were left out."""
 
     trial: Trial
-    state: str  # complete; pruned, as it was worse; of Auto also large, as it exceeds a limit, or failed
+    state: str  # complete, pruned; of Auto also failed, or large if it exceeds a limit
     seconds: float = 0.0
-    subjects: dict[str, float] = field(default_factory=dict)
+    subjects: dict[str, float] = field(default_factory=dict)  # accuracy of each
     fit_seconds: float = 0.0  # expected, of a fit to the whole training part
     costs: dict[str, float] = field(default_factory=dict)
     proba: np.ndarray | None = None  # of left-out captures, float16 [captures, classes]
-    temperature: float = 1.0  # temperature of these
+    temperature: float = 1.0  # of these probabilities
     error: str = ""
 
     @property
     def accuracy(self) -> float:
-        """Mean over subjects; not a number where none was judged."""
+        """Mean over subjects; NaN without subjects."""
         return float(np.mean([*self.subjects.values()])) if self.subjects else float("nan")
 
-    def add_subjects(self, hit: np.ndarray, subjects: np.ndarray) -> None:
-        """Add subjects, from which of their captures were right."""
-        self.subjects |= {str(s): float(hit[subjects == s].mean()) for s in np.unique(subjects)}
+    def add_subjects(self, is_correct: np.ndarray, subjects: np.ndarray) -> None:
+        """Add the accuracy of left-out subjects, from the predictions of their captures."""
+        for subject in np.unique(subjects):
+            self.subjects[str(subject)] = float(is_correct[subjects == subject].mean())
 
     def as_row(self) -> dict[str, object]:
-        """Its row in a table of trials."""
+        """Row of a table of trials."""
         facts = {"state": self.state, "accuracy": self.accuracy, "subjects": len(self.subjects)}
         return self.trial | facts | {"seconds": self.seconds}
 
 
 def meets_limits(costs: dict[str, float], limits: dict[str, float]) -> bool:
-    """Return True if no measured cost exceeds its limit."""
+    """True if no measured cost exceeds its limit."""
     return all(costs[name] <= limit for name, limit in limits.items() if name in costs)
 
 
@@ -64,20 +63,19 @@ def meets_limits(costs: dict[str, float], limits: dict[str, float]) -> bool:
 class Study:
     """The trials of a search in their order, within its budget.
 
-    What is drawn depends on the seed and the finished trials alone, so that a search that was interrupted goes on as if
-    it had not been; a trial that was cut off is judged once more.
-
-    A trial that exceeds a limit of costs is worse than any that does not.
+    Draws depend on the seed and the finished trials alone, so an interrupted search continues as if
+    it had not been interrupted; an incomplete trial is judged again. A trial that exceeds a limit
+    is worse than any that does not.
     """
 
-    common: Space  # parameters that every trial has, ``model`` first, in the order in which they are drawn
-    spaces: dict[str, Space]  # parameters by model, for its trials only
+    common: Space  # parameters of every trial in the order of their draws, ``model`` first
+    spaces: dict[str, Space]  # further parameters by model
     seed: int
-    max_trials: float  # number of trials, infinity for as many as there is time for
-    max_seconds: float  # seconds, infinity for no limit
+    max_trials: float  # infinity for no limit
+    max_seconds: float  # infinity for no limit
     started: float  # of `time.perf_counter`
-    limits: dict[str, float] = field(default_factory=dict)
-    finished: list[FinishedTrial] = field(default_factory=list, init=False)  # the finished ones
+    limits: dict[str, float] = field(default_factory=dict)  # by cost
+    finished: list[FinishedTrial] = field(default_factory=list, init=False)
 
     def __post_init__(self) -> None:
         import optuna
@@ -90,7 +88,7 @@ class Study:
 
     @property
     def seconds_left(self) -> float:
-        """Seconds until the budget is spent; below 0 after that."""
+        """Seconds of the budget that are left; below 0 after that."""
         return self.max_seconds - (time.perf_counter() - self.started)
 
     def judge_trials(
@@ -100,35 +98,43 @@ class Study:
         X: Corpus,
         y: np.ndarray,
     ) -> None:
-        """Judge one after the other by ``step``, until there are as many as wanted or it gives None.
+        """Judge trials until there are as many as wanted, or none is left.
 
-        Trials on a stored corpus are stored under it and ``key``. Those of an earlier search come first, but no more of
-        them than this one would have made; their seconds count as spent. The folder is locked against other processes.
+        Trials on a stored corpus are stored under it and ``key``. Those of an earlier search come
+        first, but no more of them than this one would have made; their seconds count as spent. The
+        folder is locked against other processes.
+
+        Args:
+            step: judges the next trial, or returns None.
+            key: influences on trials besides captures and labels.
+            X: captures.
+            y: their class names.
         """
-        with _locked_folder(
-            data_folder() / "studies" / study_name(key, X, y) if X.digest else None
-        ) as folder:
+        studies = data_folder() / "studies"
+        with _locked_folder(studies / study_name(key, X, y) if X.digest else None) as folder:
             for file in sorted(folder.glob("[0-9]*.pickle")) if folder else []:
-                if (
-                    len(self.finished) < self.max_trials
-                    and sum(t.seconds for t in self.finished) < self.max_seconds
-                ):
-                    self._add_finished(pickle.loads(file.read_bytes()))
-                    self.started -= self.finished[-1].seconds
+                spent = sum(trial.seconds for trial in self.finished)
+                if len(self.finished) >= self.max_trials or spent >= self.max_seconds:
+                    break
+                self._add_finished(pickle.loads(file.read_bytes()))
+                self.started -= self.finished[-1].seconds
             while len(self.finished) < self.max_trials:
-                began = time.perf_counter()
-                if (tried := step()) is None:
+                started = time.perf_counter()
+                if (trial := step()) is None:
                     return
-                tried.seconds = time.perf_counter() - began
-                self._add_finished(tried)
+                trial.seconds = time.perf_counter() - started
+                self._add_finished(trial)
                 if folder:
-                    with write_then_rename(folder / f"{len(self.finished):06}.pickle") as beside:
-                        beside.write_bytes(pickle.dumps(tried))
+                    with write_then_rename(folder / f"{len(self.finished):06}.pickle") as path:
+                        path.write_bytes(pickle.dumps(trial))
 
     def draw_trial(self, fixed: Trial, *numbers: int, each: bool = False) -> Trial:
-        """The sampler's suggestion after the trials so far, but for ``fixed`` values.
+        """The sampler's suggestion after the finished trials.
 
-        With ``each``, every value has a seed of its own, by its position; ``numbers`` are further ones of a seed.
+        Args:
+            fixed: values that are not drawn.
+            numbers: further numbers of the seed.
+            each: True to give each value its own seed, by its position.
         """
         import optuna
 
@@ -141,88 +147,75 @@ class Study:
                 seed = np.random.SeedSequence(entropy).generate_state(1)[0]
                 self._optuna.sampler = optuna.samplers.TPESampler(seed=int(seed))
             name = names.pop(0)
-            trial[name] = (
-                fixed[name]
-                if name in fixed
-                else suggest_value(draft, name, self._values_of(trial, name))
-            )
+            if name in fixed:
+                trial[name] = fixed[name]
+            else:
+                trial[name] = suggest_value(draft, name, self._values_of(trial, name))
             if name == "model":
                 names += self.spaces[str(trial["model"])]
-        self._optuna.tell(
-            draft, state=optuna.trial.TrialState.FAIL
-        )  # it is added when it was judged
+        # a finished trial is added later, with its accuracy
+        self._optuna.tell(draft, state=optuna.trial.TrialState.FAIL)
         return trial
 
-    def is_worse(self, tried: FinishedTrial) -> bool:
-        """Return True if a signed-rank test over the subjects so far finds a trial worse than the best one."""
+    def is_worse(self, trial: FinishedTrial) -> bool:
+        """True if a signed-rank test over subjects so far finds a trial worse than the best."""
         import optuna
 
-        seen = dict(enumerate(tried.subjects.values()))
-        trial = optuna.trial.create_trial(
-            state=optuna.trial.TrialState.RUNNING, intermediate_values=seen
-        )
-        return self._optuna.pruner.prune(self._optuna, trial)
+        accuracies = dict(enumerate(trial.subjects.values()))
+        running = optuna.trial.TrialState.RUNNING
+        draft = optuna.trial.create_trial(state=running, intermediate_values=accuracies)
+        return self._optuna.pruner.prune(self._optuna, draft)
 
     def _values_of(self, trial: Trial, name: str) -> Range | Sequence:
         return self.common[name] if name in self.common else self.spaces[str(trial["model"])][name]
 
-    def _add_finished(self, tried: FinishedTrial) -> None:
-        """To the finished ones; Optuna learns nothing from one that was neither complete nor pruned."""
+    def _add_finished(self, trial: FinishedTrial) -> None:
+        """Add a trial; Optuna learns from complete and pruned ones alone."""
         import optuna
 
-        complete = tried.state == "complete"
-        state = tried.state.upper() if complete or tried.state == "pruned" else "FAIL"
-        self.finished.append(tried)
-        self._optuna.add_trial(
-            optuna.trial.create_trial(
-                state=optuna.trial.TrialState[state],
-                value=tried.accuracy - (not meets_limits(tried.costs, self.limits))
-                if complete
-                else None,
-                params=tried.trial,
-                distributions={
-                    name: make_distribution(self._values_of(tried.trial, name))
-                    for name in tried.trial
-                },
-                intermediate_values=dict(enumerate(tried.subjects.values())),
-            )
+        self.finished.append(trial)
+        value, state = None, "PRUNED" if trial.state == "pruned" else "FAIL"
+        if trial.state == "complete":
+            penalty = not meets_limits(trial.costs, self.limits)
+            value, state = trial.accuracy - penalty, "COMPLETE"
+        values = {name: self._values_of(trial.trial, name) for name in trial.trial}
+        record = optuna.trial.create_trial(
+            state=optuna.trial.TrialState[state],
+            value=value,
+            params=trial.trial,
+            distributions={name: make_distribution(space) for name, space in values.items()},
+            intermediate_values=dict(enumerate(trial.subjects.values())),
         )
+        self._optuna.add_trial(record)
 
 
 @contextmanager
 def _locked_folder(folder: Path | None) -> Iterator[Path | None]:
-    """The folder of a study, held against other processes; None where nothing can be stored, which costs resuming."""
-    with ExitStack() as held:
+    """Make and lock a folder; yield None if nothing can be stored."""
+    with ExitStack() as stack:
         try:
             if folder:
                 folder.mkdir(parents=True, exist_ok=True)
-                held.enter_context(FileLock(folder.with_suffix(".lock")))
+                stack.enter_context(FileLock(folder.with_suffix(".lock")))
         except OSError:
             folder = None
         yield folder
 
 
-def study_name(what: dict[str, object], X: Corpus, y: np.ndarray) -> str:
-    """Hash of the captures with their steps, the labels, the search space and library versions."""
-    code = (
-        source_digest(*(part for step in X.steps for part in step.code_objects()))
-        if X.steps
-        else ""
-    )
+def study_name(key: dict[str, object], X: Corpus, y: np.ndarray) -> str:
+    """Hash of the captures with their steps, the labels, a key and library versions."""
+    code = [part for step in X.steps for part in step.code_objects()]
     labels = "\n".join(map(str, y)).encode()
-    captures = [
-        X.digest,
-        *(
-            hashlib.sha256(part).hexdigest()
-            for part in (X.index.tobytes(), X.piece.tobytes(), labels)
-        ),
-    ]
-    about = [captures, repr(X.steps), code, what, package_versions()]
-    return hashlib.sha256(json.dumps(about, sort_keys=True, default=str).encode()).hexdigest()[:32]
+    parts = X.index.tobytes(), X.piece.tobytes(), labels
+    captures = [X.digest, *(hashlib.sha256(part).hexdigest() for part in parts)]
+    digest = source_digest(*code) if code else ""
+    influences = [captures, repr(X.steps), digest, key, package_versions()]
+    text = json.dumps(influences, sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 
 def source_identity(part: Callable) -> list:
-    """Name and source of a factory or class; of a partial one also its arguments."""
+    """Name and source of a factory or class, and the arguments of a partial one."""
     if isinstance(part, partial):
         return [*source_identity(part.func), repr((part.args, sorted(part.keywords.items())))]
     return [part.__module__, part.__qualname__, source_digest(part)]

@@ -1,11 +1,11 @@
-"""Parameters chosen inside the training part: a nested search over inner folds of whole subjects, with Optuna."""
+"""Nested search of parameters over inner folds of whole training subjects, with Optuna."""
 
 from __future__ import annotations
 
 import itertools
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,40 +24,41 @@ from bench.models.search.study import FinishedTrial, Study, source_identity
 from bench.models.space import Range, Space, Trial, Tuning
 from bench.values.intervals import within_one_standard_error
 
-MAX_LISTED = 1000  # at most so many are checked one by one before anything is run
+MAX_LISTED = 1000  # combinations that are all checked before anything is run
 
 
 @dataclass(eq=False, repr=False)
 class Search(ClassifierMixin, BaseEstimator):
-    """The recogniser with the best parameters, judged by subjects that were left out of its training part.
+    """The recogniser with the best parameters for left-out training subjects.
 
-    A combination is scored by the mean accuracy of the left-out training subjects. After each inner fold it is given
-    up if a Wilcoxon signed-rank test over the subjects seen so far finds it worse than the best one (p < 0.1). The best
-    one, of equal ones the one that takes the earliest values of each list, is then fitted to the whole training part.
+    A combination is scored by the mean accuracy of the left-out training subjects. After each inner
+    fold it is pruned if a Wilcoxon signed-rank test over the subjects so far finds it worse than
+    the best one (p < 0.1). The best one, of equals the one with the earliest values of each list,
+    is then fitted to the whole training part.
 
-    The study of a stored corpus is kept in the data folder under everything that it depends on; a search that was
-    interrupted goes on where it stopped and chooses as if it had not been.
+    The study of a stored corpus is kept in the data folder under everything that it depends on; an
+    interrupted search continues where it stopped, and chooses the same.
 
     Args:
-        models: the factory, by its name; called with one value of each parameter of its space and, if it takes them,
-            with ``features`` and ``seed``.
+        models: the factory, by its name; called with one value of each parameter of its space and,
+            if it takes them, with ``features`` and ``seed``.
         spaces: values of each parameter, by the name of the model: a list, or a `Range`.
         features: feature sets to choose from by name; empty for a model that reads raw frames.
         inner: number of groups into which the training subjects are dealt, or ``loso``.
-        trials: combinations to try; None for all of them, which needs lists only. Fewer than all are drawn by a
-            tree-structured Parzen estimator.
+        trials: number of combinations; None for all of them, which needs lists only. Fewer than all
+            are drawn by a tree-structured Parzen estimator.
         seconds: seconds after which no new combination is begun.
-        objective: ``accuracy``; or ``smallest``, which gives nothing up and takes, of the combinations whose accuracy
-            is not below the best by more than a standard error of the paired difference, the one that comes first in
-            the lists.
+        objective: ``accuracy``; or ``smallest``, which prunes nothing and chooses, of the
+            combinations within one standard error of the paired difference to the best one, the
+            first one in the lists.
         seed: random seed of the search, and of models that take one.
 
     Attributes:
         best_: the fitted recogniser.
         chosen_: model, features and parameters of it.
         trials_: one row per combination: its values, state, accuracy and seconds.
-        fit_seconds_: wall and CPU seconds of the last fit, ``search_seconds_`` those of all combinations, also of
-            those that were stored before.
+        fit_seconds_: wall and CPU seconds of the last fit, ``search_seconds_`` those of all
+            combinations, also of those that were stored before.
     """
 
     searches = True
@@ -72,38 +73,31 @@ class Search(ClassifierMixin, BaseEstimator):
     seed: int = 0
 
     def check(self) -> None:
-        """Refuse parameters that cannot be, before anything is run."""
-        check_search(
-            self.inner, self.trials, self.seconds, endless=self._count_combinations() == math.inf
-        )
-        for part in (self.features or {}).values():
-            contract.check_parameters(part)
+        """Check the parameters."""
+        is_endless = self._count_combinations() == math.inf
+        check_search(self.inner, self.trials, self.seconds, is_endless)
+        for feature_set in (self.features or {}).values():
+            contract.check_parameters(feature_set)
 
     def check_training(self, X: Corpus, y: np.ndarray) -> None:
-        """Refuse a training part, or listed values that a model refuses, before anything is run."""
+        """Check the training captures, and whether the model accepts the listed values."""
         folds = make_inner_folds(X, y, self.inner)
-        for trial in self._iter_listed_trials():
+        for trial in self._list_trials():
             model = self._make_model(trial, "passthrough" if self.features else None)
             contract.check_parameters(model)
             for train, _ in folds:
                 contract.check_training(model, X[train], np.asarray(y)[train])
 
     def fit(self, X: Corpus, y: np.ndarray) -> Search:
-        """Search on the captures and their class names, then fit the best recogniser to all of them."""
-        began = time.perf_counter()
+        """Search on the captures and their class names, then fit the best recogniser to all."""
+        started = time.perf_counter()
         self.check()
-        tables = FoldInputs(self.features or {}, X, y, make_inner_folds(X, y, self.inner))
-        study = Study(
-            self._space(),
-            {self._model_name: {}},
-            self.seed,
-            self._count_trials(),
-            self.seconds,
-            began,
-        )
-        study.judge_trials(lambda: self._judge_next(study, tables), self.study_key(), X, y)
-        self.search_seconds_ = sum(t.seconds for t in study.finished)
-        self.trials_ = pd.DataFrame([t.as_row() for t in study.finished])
+        inputs = FoldInputs(self.features or {}, X, y, make_inner_folds(X, y, self.inner))
+        spaces, trials = {self._model_name: {}}, self._count_trials()
+        study = Study(self._space(), spaces, self.seed, trials, self.seconds, started)
+        study.judge_trials(lambda: self._judge_next(study, inputs), self.study_key(), X, y)
+        self.search_seconds_ = sum(trial.seconds for trial in study.finished)
+        self.trials_ = pd.DataFrame([trial.as_row() for trial in study.finished])
         self.chosen_ = study.finished[self._rank_trials(study.finished)[0]].trial
         wall, cpu = time.perf_counter(), time.process_time()
         self.best_ = self._make_model(self.chosen_, self._make_features(self.chosen_)).fit(X, y)
@@ -132,22 +126,20 @@ class Search(ClassifierMixin, BaseEstimator):
         return self.best_.decide(X)
 
     def study_key(self) -> dict[str, object]:
-        """Influences on trials besides captures and labels; not their number, so that a study can grow."""
-        features = (self.features or {}).items()
+        """Influences on trials besides captures and labels.
+
+        The number of trials is none, so that a study can grow.
+        """
+        features = {}
+        for name, part in (self.features or {}).items():
+            parameters = sorted(map(repr, part.get_params().items()))
+            features[name] = [source_identity(type(part)), parameters]
+        settings = [self.inner, self.objective, self.seed, self._is_exhaustive()]
         return {
             "models": {name: source_identity(model) for name, model in self.models.items()},
             "spaces": repr(self.spaces),
-            "features": {
-                n: [source_identity(type(f)), sorted(map(repr, f.get_params().items()))]
-                for n, f in features
-            },
-            "search": [
-                source_identity(Search),
-                self.inner,
-                self.objective,
-                self.seed,
-                self._is_exhaustive(),
-            ],
+            "features": features,
+            "search": [source_identity(Search), *settings],
         }
 
     @property
@@ -156,20 +148,17 @@ class Search(ClassifierMixin, BaseEstimator):
         return name
 
     def _space(self) -> Space:
-        """Values of everything, in the order in which it is drawn."""
-        features = {"features": list(self.features)} if self.features else {}
-        space = {
-            f"{self._model_name}.{name}": values
-            for name, values in self.spaces[self._model_name].items()
-        }
-        return {"model": [self._model_name], **features, **space}
+        """Values of all parameters in the order of their draws."""
+        name = self._model_name
+        space: Space = {"model": [name]}
+        if self.features:
+            space["features"] = list(self.features)
+        return space | {f"{name}.{key}": values for key, values in self.spaces[name].items()}
 
     def _count_combinations(self) -> float:
-        """Number of combinations, endless with a range."""
-        return math.prod(
-            math.inf if isinstance(values, Range) else len(values)
-            for values in self._space().values()
-        )
+        """Number of combinations, infinite with a range."""
+        spaces = self._space().values()
+        return math.prod(math.inf if isinstance(s, Range) else len(s) for s in spaces)
 
     def _count_trials(self) -> float:
         """Number of combinations to try."""
@@ -178,72 +167,55 @@ class Search(ClassifierMixin, BaseEstimator):
     def _is_exhaustive(self) -> bool:
         return self._count_trials() == self._count_combinations() < math.inf
 
-    def _iter_listed_trials(self) -> Iterator[Trial]:
-        """Combinations of listed values, or of too many each value alone; ranges at their defaults."""
-        values = {
-            name: v
-            for name, v in self._space().items()
-            if name != "features" and not isinstance(v, Range)
-        }
-        first = {name: listed[0] for name, listed in values.items()}
-        if math.prod(map(len, values.values())) <= MAX_LISTED:
-            yield from (
-                dict(zip(values, point, strict=True))
-                for point in itertools.product(*values.values())
-            )
-        else:
-            yield from (
-                first | {name: value} for name, listed in values.items() for value in listed
-            )
+    def _list_trials(self) -> list[Trial]:
+        """Combinations of listed values, or each value alone if they are too many."""
+        space = self._space().items()
+        lists = {k: v for k, v in space if k != "features" and not isinstance(v, Range)}
+        if math.prod(map(len, lists.values())) <= MAX_LISTED:
+            points = itertools.product(*lists.values())
+            return [dict(zip(lists, point, strict=True)) for point in points]
+        first = {name: values[0] for name, values in lists.items()}
+        return [first | {name: value} for name, values in lists.items() for value in values]
 
     def _grid_point(self, number: int) -> Trial:
-        """The points of a grid, which are not left to the sampler.
+        """A point of a grid, shuffled by the seed, as an early good one makes pruning faster.
 
-        The seed shuffles them, as a good one early makes giving up quicker. (Optuna's own grid sampler cannot go on
-        after an interruption.)
+        It is empty if the sampler draws. (Optuna's own grid sampler cannot be resumed.)
         """
         if not self._is_exhaustive():
             return {}
-        sizes = [len(values) for values in self._space().values()]
-        position = np.unravel_index(
-            np.random.default_rng(self.seed).permutation(math.prod(sizes))[number], sizes
-        )
-        return {
-            name: values[i]
-            for (name, values), i in zip(self._space().items(), position, strict=True)
-        }
+        space = self._space()
+        sizes = [len(values) for values in space.values()]
+        order = np.random.default_rng(self.seed).permutation(math.prod(sizes))
+        indices = np.unravel_index(order[number], sizes)
+        return {name: space[name][i] for name, i in zip(space, indices, strict=True)}
 
-    def _judge_next(self, study: Study, tables: FoldInputs) -> FinishedTrial | None:
-        """Judge the next combination; None where there is no time, but for the first."""
+    def _judge_next(self, study: Study, inputs: FoldInputs) -> FinishedTrial | None:
+        """Judge the next combination; None if no time is left, except for the first."""
         if study.finished and study.seconds_left <= 0:
             return None
-        tried = FinishedTrial(
-            study.draw_trial(self._grid_point(len(study.finished)), each=True), "complete"
-        )
-        # Captures that go through steps first have features of their own.
-        name = None if self._has_steps(tried.trial) else tried.trial.get("features")
-        features = "passthrough" if name else self._make_features(tried.trial)
-        for fold, (train, test) in enumerate(tables.folds):
-            model = self._make_model(tried.trial, features)
-            model.fit(tables.load_input(name, fold, 0), tables.y[train])
-            hit = (
-                model.predict(contract.blind_captures(model, tables.load_input(name, fold, 1)))
-                == tables.y[test]
-            )
-            tried.add_subjects(hit, tables.X.subjects.astype(str)[test])
-            if (
-                self.objective == "accuracy"
-                and fold + 1 < len(tables.folds)
-                and study.is_worse(tried)
-            ):
-                tried.state = "pruned"
+        drawn = study.draw_trial(self._grid_point(len(study.finished)), each=True)
+        trial = FinishedTrial(drawn, "complete")
+        # Steps before the features change them, so these are computed by the model.
+        name = None if self._has_steps(drawn) else drawn.get("features")
+        features = "passthrough" if name else self._make_features(drawn)
+        may_prune = self.objective == "accuracy"
+        for fold, (train, test) in enumerate(inputs.folds):
+            model = self._make_model(drawn, features)
+            model.fit(inputs.load_input(name, fold, 0), inputs.y[train])
+            tested = contract.blind_captures(model, inputs.load_input(name, fold, 1))
+            is_correct = model.predict(tested) == inputs.y[test]
+            trial.add_subjects(is_correct, inputs.X.subjects.astype(str)[test])
+            if may_prune and fold + 1 < len(inputs.folds) and study.is_worse(trial):
+                trial.state = "pruned"
                 break
-        return tried
+        return trial
 
     def _has_steps(self, trial: Trial) -> bool:
-        """Whether a trial's captures go through steps (`bench.models.recipe`) before its features are computed."""
-        usual = recipe_defaults(self.models[self._model_name])
-        return any(trial.get(f"{self._model_name}.{k}", v) not in (v, "") for k, v in usual.items())
+        """True if a trial's captures go through steps of a `Recipe` before its features."""
+        defaults = recipe_defaults(self.models[self._model_name])
+        prefix = f"{self._model_name}."
+        return any(trial.get(prefix + k, v) not in (v, "") for k, v in defaults.items())
 
     def _make_model(self, trial: Trial, features: object) -> ClassifierMixin:
         factory = self.models[self._model_name]
@@ -255,27 +227,28 @@ class Search(ClassifierMixin, BaseEstimator):
     def _make_features(self, trial: Trial) -> TransformerMixin | None:
         return clone(self.features[trial["features"]]) if self.features else None
 
-    def _rank_trials(self, tried: list[FinishedTrial]) -> list[int]:
-        """Positions of the complete trials, the one to take first; the order in which they were made has no say."""
-        place = [self._list_position(t.trial) for t in tried]
-        complete = [i for i, t in enumerate(tried) if t.state == "complete"]
-        ranked = sorted(complete, key=lambda i: (-round(tried[i].accuracy, 9), place[i]))
+    def _rank_trials(self, trials: list[FinishedTrial]) -> list[int]:
+        """Positions of the complete trials, the one to choose first, whatever their order was."""
+        position = [self._list_position(t.trial) for t in trials]
+        complete = [i for i, t in enumerate(trials) if t.state == "complete"]
+        ranked = sorted(complete, key=lambda i: (-round(trials[i].accuracy, 9), position[i]))
         if self.objective == "accuracy":
             return ranked
-        best = tried[ranked[0]].subjects
-        losses = {
-            i: np.array([best[s] - tried[i].subjects[s] for s in sorted(best)]) for i in ranked
-        }
-        return sorted(
-            (i for i in ranked if within_one_standard_error(losses[i])), key=place.__getitem__
-        )
+        best = trials[ranked[0]].subjects
+        sufficient = []
+        for i in ranked:
+            losses = [best[subject] - trials[i].subjects[subject] for subject in sorted(best)]
+            if within_one_standard_error(np.array(losses)):
+                sufficient.append(i)
+        return sorted(sufficient, key=position.__getitem__)
 
     def _list_position(self, trial: Trial) -> tuple:
-        """Where a combination stands if every list is read from its first value."""
-        return tuple(
-            trial[name] if isinstance(values, Range) else list(values).index(trial[name])
-            for name, values in self._space().items()
-        )
+        """Positions of a combination's values in their lists; values of ranges."""
+        position = []
+        for name, values in self._space().items():
+            is_range = isinstance(values, Range)
+            position.append(trial[name] if is_range else list(values).index(trial[name]))
+        return tuple(position)
 
 
 def make_search(
@@ -285,15 +258,19 @@ def make_search(
     shown: str,
     tuning: Tuning,
 ) -> Search:
-    """The search of `bench tune` and `bench tune smallest=` for a model, on its feature set or captures.
+    """Make the search of `bench tune` for a model, on its feature set or captures.
 
-    ``tuning`` has the ``space`` of its parameters, ``smallest`` (``features`` for the smallest subset of these, called
-    ``shown`` in tables, that suffices), and further arguments of `Search`.
+    Args:
+        name: name of the model.
+        factory: factory of the model.
+        features: its feature set by name, if it takes one.
+        shown: name of the feature set in tables.
+        tuning: ``space`` of its parameters; ``smallest``, which is ``features`` to choose the
+            smallest sufficient subset of these; further arguments of `Search`.
     """
     if tuning.get("smallest") == "features":
-        (all_columns,) = features.values()
-        features = {
-            f"{n} best of {shown}": Subset(clone(all_columns), n) for n in COLUMN_COUNTS
-        } | features
-    how = {k: v for k, v in tuning.items() if k not in ("space", "smallest")}
-    return Search({name: factory}, {name: tuning["space"]}, features, **how)
+        (feature_set,) = features.values()
+        subsets = {f"{n} best of {shown}": Subset(clone(feature_set), n) for n in COLUMN_COUNTS}
+        features = subsets | features
+    arguments = {k: v for k, v in tuning.items() if k not in ("space", "smallest")}
+    return Search({name: factory}, {name: tuning["space"]}, features, **arguments)
