@@ -10,7 +10,7 @@ import pandas as pd
 from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils.validation import check_is_fitted
 
-from bench.corpora.corpus import COPY, Corpus, corpus_origin
+from bench.corpora.corpus import COPY, Corpus, unblind
 from bench.errors import InputError
 from bench.features.cache import load_or_extract
 
@@ -65,7 +65,7 @@ class FeatureSet(TransformerMixin, BaseEstimator):
     def extracted_table(self, X: Corpus) -> pd.DataFrame:
         """Table of `extract`, loaded or computed; scikit-learn's set_output does not change it."""
         table = load_or_extract(self, X)
-        stored = corpus_origin(X)
+        stored = unblind(X)
         if not stored.steps:
             return table
         return table.set_axis(capture_copy_index(stored.index, stored.piece // COPY))

@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 from sklearn.base import BaseEstimator
 
-from bench.corpora.corpus import Corpus, corpus_origin
+from bench.corpora.corpus import Corpus, unblind
 from bench.corpora.folder import open_folder
 from bench.features.signals import capture_blocks
 from bench.ground.scratch import data_folder, write_then_rename
@@ -31,14 +31,16 @@ PIECE_COLUMNS = ("of capture", "piece")  # columns that identify the rows of a t
 
 def load_or_extract(features: BaseEstimator, X: Corpus) -> pd.DataFrame:
     """Features of each capture [captures, n_features]; of a stored corpus, loaded if stored."""
-    stored, visible = corpus_origin(X), features.conditions
+    stored, visible = unblind(X), features.conditions
     X = X.blind(visible)
     if not stored.digest or stored.path is None:
         return features.extract(X)
     path = _table_path(features, stored.digest, stored.steps)
     table = _load_table(path)
     if table is None:
-        corpus = open_folder(stored.path) if _is_writable(path.parent) else None
+        with suppress(OSError):
+            path.parent.mkdir(parents=True, exist_ok=True)
+        corpus = open_folder(stored.path) if os.access(path.parent, os.W_OK) else None
         # Another corpus may have replaced the one that is mapped.
         if corpus is None or corpus.digest != stored.digest:
             return features.extract(X)
@@ -54,7 +56,7 @@ def load_or_extract(features: BaseEstimator, X: Corpus) -> pd.DataFrame:
 
 def load_after_steps(features: BaseEstimator, X: Corpus, steps: tuple) -> pd.DataFrame | None:
     """Stored features of all captures after steps, with `PIECE_COLUMNS`; None if there are none."""
-    stored = corpus_origin(X)
+    stored = unblind(X)
     if not stored.digest or stored.path is None or stored.steps or not steps:
         return None
     return _load_table(_table_path(features, stored.digest, steps))
@@ -100,18 +102,10 @@ def _extract_blocks(features: BaseEstimator, corpus: Corpus, steps: tuple) -> pd
         for step in steps:
             part = step(part)
         tables.append(features.extract(part))
-        pieces.append((corpus_origin(part).index, corpus_origin(part).piece))
+        pieces.append((unblind(part).index, unblind(part).piece))
     table = {name: np.concatenate([part[name].to_numpy() for part in tables]) for name in tables[0]}
     if steps:
         table |= dict(
             zip(PIECE_COLUMNS, map(np.concatenate, zip(*pieces, strict=True)), strict=True)
         )
     return pd.DataFrame(table)
-
-
-def _is_writable(folder: Path) -> bool:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        return False
-    return os.access(folder, os.W_OK)

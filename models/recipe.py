@@ -13,7 +13,7 @@ from sklearn.base import clone
 from sklearn.pipeline import Pipeline
 
 from bench import contract
-from bench.corpora.corpus import COPY, Corpus, unblind, shared_frames
+from bench.corpora.corpus import COPY, Corpus, shared_frames, unblind
 from bench.corpora.faults import usual_faults
 from bench.corpora.windows import Step, Windows
 from bench.errors import InputError, check_value

@@ -1,13 +1,13 @@
-"""The corpus: ragged captures of a pressure grid, sliced without copying frames, independent of the disk.
+"""The corpus: ragged captures of a pressure grid, sliced without copying frames.
 
-Everything that features, models and protocols may know of the harness is on this page. A system that predicts gets a
-*blind* corpus (`Corpus.blind`): frames, lengths, rate, full scale and grid, and nothing that tells whose capture it is.
+Features, models and protocols may know nothing else of the harness. A system that predicts gets a
+*blind* corpus (`Corpus.blind`): frames, lengths, rate, full scale and grid, and nothing that tells
+whose capture it is.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
@@ -21,24 +21,23 @@ if TYPE_CHECKING:
 
 SATURATED_ONE_IN = 10  # a frame is saturated if one of so many taxels reads full scale; not tuned
 COPY = 1 << 40  # of a piece: times the number of the copy, and below that its first frame
-RESERVED = frozenset(
-    {"fold", "capture", "start", "frames", "true", "predicted"}
-)  # columns that predictions need
-PROBABILITY = "p_"  # before a class, the name of the column of its probability
+RESERVED = {"fold", "capture", "start", "frames", "true", "predicted"}  # columns of predictions
+PROBABILITY = "p_"  # prefix of the columns of probabilities
+VISIBLE = ("lengths", "rate_hz", "full_scale", "visible")  # fields that a blind corpus has, too
 
 
 def _hidden_property(name: str) -> Any:
     """An attribute of a `Corpus` that a blind one does not have."""
 
-    def value(corpus: Corpus) -> object:
+    def get_field(corpus: Corpus) -> object:
         corpus._refuse_if_blind(name)
         return corpus.__dict__[f"_{name}"]
 
-    return property(value)
+    return property(get_field)
 
 
 def reserved_names(columns: Iterable[str], more: Collection[str] = ()) -> list[str]:
-    """The columns whose names tables of results use, or are taken otherwise, so that captures cannot have them."""
+    """The columns that captures cannot have, because results or ``more`` use their names."""
     return [
         name
         for name in columns
@@ -46,51 +45,39 @@ def reserved_names(columns: Iterable[str], more: Collection[str] = ()) -> list[s
     ]
 
 
-@dataclass(frozen=True)
-class Origin:
-    """Source of the captures of a corpus, also of a blind one: the identity for caches.
-
-    Attributes:
-        digest: content hash of the stored corpus, ``""`` for one in memory.
-        path: folder of the corpus, None for one in memory.
-        index: int64 [captures], position of each capture in it.
-        piece: int64 [captures], number of the capture among all with its ``index``.
-        steps: changes to the captures since they were stored.
-    """
-
-    digest: str
-    path: Path | None
-    index: np.ndarray
-    piece: np.ndarray
-    steps: tuple[Callable[[Corpus], Corpus], ...]
-
-
 class Corpus:
     """Captures of touch on one sensor grid; immutable.
 
-    A slice shares its frames with the corpus it was cut from. Indexing with an integer gives the frames of one capture,
-    indexing with an array, a mask or a slice gives a `Corpus`; with ``len`` and ``shape`` that is what scikit-learn
-    needs to use a corpus as ``X``. `frames` and `starts` cover its own captures only.
+    A slice shares its frames with the corpus it was cut from; `frames` and `starts` cover its own
+    captures only. Indexing with an integer gives the frames of one capture, indexing with an array,
+    a mask or a slice gives a `Corpus`. With ``len`` and ``shape`` that is what scikit-learn needs to
+    use a corpus as ``X``.
 
-    A blind corpus (`blind`) has frames, starts, lengths, rate_hz, full_scale and grid. Any other attribute raises a
-    `bench.errors.HiddenError`.
+    A blind corpus (`blind`) has frames, starts, lengths, rate_hz, full_scale and grid. Any other
+    attribute raises a `bench.errors.HiddenError`.
 
     Args:
-        frames: uint16 or float32 [total_frames, rows, cols], sensor values 0..full_scale; row 0 is the top.
+        frames: uint16 or float32 [total_frames, rows, cols], sensor values 0..full_scale; row 0 is
+            the top.
         starts: int64 [captures], first frame of each capture in ``frames``.
         lengths: int64 [captures], number of frames of each capture, at least 1.
-        captures: one row per capture: ``subject``, ``gesture`` (str) and any conditions (variant, cover, split, ...).
+        captures: one row per capture: ``subject``, ``gesture`` (str) and any conditions (variant,
+            cover, split, ...).
         rate_hz: frames per second.
         full_scale: the largest value that the sensor can give.
         name: the name under which the corpus was imported.
         digest: content hash of the whole corpus, ``""`` for one that was never stored.
-        index: int64 [captures], position of each capture in the whole corpus; counted from 0 if not given.
+        index: int64 [captures], position of each capture in the whole corpus; by default from 0.
         info: source, licence, synthetic (bool), warnings (list of str).
         path: the folder that the frames are mapped from, or None when they are in memory.
         target: the columns of ``captures`` that make up the class, joined by ``+``.
-        steps: changes to the captures since they were stored (`bench.models.steps`), in order. Several captures may
-            then come from one stored capture and have its ``index``.
-        piece: int64 [captures], number of the capture among all with its ``index``; 0 before any step.
+        steps: changes to the captures since they were stored (`bench.models.steps`), in order.
+            Several captures may then come from one stored capture and have its ``index``.
+        piece: int64 [captures], number of the capture among all with its ``index``; 0 before any
+            step.
+
+    Attributes:
+        visible: columns that a blind corpus has; None for a corpus that is not blind.
     """
 
     name: str = _hidden_property("name")
@@ -134,7 +121,7 @@ class Corpus:
             _target=target,
             _steps=steps,
             _piece=np.zeros(len(starts), dtype=np.int64) if piece is None else piece,
-            _visible=None,
+            visible=None,
         )
 
     if TYPE_CHECKING:
@@ -144,7 +131,7 @@ class Corpus:
         _frames: np.ndarray
         _starts: np.ndarray
         _captures: pd.DataFrame
-        _visible: tuple[str, ...] | None
+        visible: tuple[str, ...] | None
 
     def __setattr__(self, name: str, value: object) -> None:
         raise AttributeError(
@@ -171,7 +158,8 @@ class Corpus:
     def with_fields(self, **fields: object) -> Corpus:
         """A corpus with some of the constructor's arguments replaced; a blind corpus stays blind.
 
-        Frames and starts that are not replaced are shared. New frames without new starts lie as `frames` does.
+        Other frames and starts are shared. Captures of new frames without new starts follow one
+        another.
 
         Raises:
             TypeError: the constructor has no such argument.
@@ -188,33 +176,34 @@ class Corpus:
         new.__dict__.update(self.__dict__)
         new.__dict__.pop("_compacted", None)
         for name, value in fields.items():
-            key = name if name in ("lengths", "rate_hz", "full_scale") else f"_{name}"
+            key = name if name in VISIBLE else f"_{name}"
             if key not in new.__dict__:
                 raise TypeError(f"a Corpus has no {name}")
             new.__dict__[key] = value
         return new
 
     def blind(self, visible: tuple[str, ...] = ()) -> Corpus:
-        """The same captures as a system gets them when it predicts: without labels, subjects and origin.
+        """The captures as a system gets them to predict: without labels, subjects and origin.
 
         Args:
-            visible: columns of ``captures`` that it declares to need (`bench.contract.required_conditions`); of a corpus that
-                is blind already, no others than it had.
+            visible: columns of ``captures`` that the system declares to need
+                (`bench.contract.required_conditions`); a blind corpus gains none.
         """
-        if self._visible is not None:
-            visible = tuple(name for name in visible if name in self._visible)
+        if self.visible is not None:
+            visible = tuple(name for name in visible if name in self.visible)
         return self._with(visible=tuple(visible))
 
     @property
     def is_blind(self) -> bool:
         """True for captures without labels, as in prediction."""
-        return self._visible is not None
+        return self.visible is not None
 
     def _refuse_if_blind(self, name: str) -> None:
-        if self._visible is not None:
+        if self.visible is not None:
             raise HiddenError(
-                f"X.{name} is hidden in prediction, which may use frames, starts, lengths, rate_hz, full_scale and "
-                "grid; a system that needs a condition declares it: conditions = ('cover',)"
+                f"X.{name} is hidden in prediction, which may use frames, starts, lengths, "
+                "rate_hz, full_scale and grid; a system that needs a condition declares it: "
+                "conditions = ('cover',)"
             )
 
     def __len__(self) -> int:
@@ -232,7 +221,7 @@ class Corpus:
 
     @property
     def frames(self) -> np.ndarray:
-        """Frames of these captures, one after another [frames, rows, cols]; a copy where the corpus is a slice."""
+        """Frames of these captures [frames, rows, cols]; a copy if the corpus is a slice."""
         return self._compact_frames()[0]
 
     @property
@@ -243,21 +232,20 @@ class Corpus:
     def _compact_frames(self) -> tuple[np.ndarray, np.ndarray]:
         if (compacted := self.__dict__.get("_compacted")) is None:
             first = np.cumsum(self.lengths) - self.lengths
-            is_compact = int(self.lengths.sum()) == len(self._frames) and np.array_equal(
-                self._starts, first
-            )
-            frames = self._frames if is_compact else np.concatenate([self._frames[:0], *self])
+            frames = self._frames
+            if self.lengths.sum() != len(frames) or not np.array_equal(self._starts, first):
+                frames = np.concatenate([frames[:0], *self])
             compacted = self.__dict__["_compacted"] = frames, first
         return compacted
 
     @property
     def captures(self) -> pd.DataFrame:
-        """Table of the captures: subject, gesture and conditions; of a blind corpus the declared conditions alone."""
-        if self._visible is None:
+        """Subject, gesture and conditions of each capture; of a blind corpus its visible columns."""
+        if self.visible is None:
             return self._captures
-        if not self._visible:
+        if not self.visible:
             self._refuse_if_blind("captures")
-        return self._captures[[*self._visible]]
+        return self._captures[[*self.visible]]
 
     @property
     def synthetic(self) -> bool:
@@ -309,16 +297,15 @@ class Corpus:
     def select(self, where: str) -> Corpus:
         """Captures whose columns satisfy a condition such as ``variant == 'rough' and subject in ['1', '2']``.
 
-        A condition compares, and can do nothing else: what it may hold is the part of pandas' queries that
-        `bench.corpora.where` computes.
+        A condition can do nothing except compare: it is the part of pandas' queries that
+        `bench.corpora.where` evaluates.
 
         Raises:
             InputError: it is no condition on these columns, or no capture satisfies it.
         """
         self._refuse_if_blind("select")
-        from bench.corpora.where import (
-            captures_where,  # here, so that a change of its messages is no change of the Corpus
-        )
+        # Imported here, so that a change of its messages is no change of the Corpus.
+        from bench.corpora.where import captures_where
 
         return self[np.flatnonzero(captures_where(where, self.captures, self.name))]
 
@@ -326,14 +313,14 @@ class Corpus:
         """The same captures with other class columns: ``variant``, or ``gesture+variant``.
 
         Raises:
-            InputError: a column is not there, or says nothing of some capture.
+            InputError: a column is missing, or empty for some capture.
         """
         self._refuse_if_blind("with_target")
         for column in target.split("+"):
             if column not in self.captures or self.captures[column].isna().any():
-                full = ", ".join(str(c) for c in self.captures if self.captures[c].notna().all())
+                known = ", ".join(map(str, self.captures.dropna(axis=1)))
                 raise InputError(
-                    f"target={target}: {self.name} has no full column {column!r}; known: {full}"
+                    f"target={target}: {self.name} has no full column {column!r}; known: {known}"
                 )
         return self.with_fields(target=target)
 
@@ -351,25 +338,24 @@ class Corpus:
     def __repr__(self) -> str:
         rows, cols = self.grid
         frames = f"{int(self.lengths.sum())} frames of {rows}x{cols} at {self.rate_hz:g} Hz"
-        if self._visible is not None:
+        if self.visible is not None:
             return f"<Corpus for prediction: {len(self)} captures, {frames}>"
         kind = "synthetic " if self.synthetic else ""
         return (
-            f"<{kind}Corpus {self.name}: {len(self)} captures of {len(set(self.subjects))} subjects, "
-            f"{len(set(self.gestures))} {self.target}s, {frames}>"
+            f"<{kind}Corpus {self.name}: {len(self)} captures of {len(set(self.subjects))} "
+            f"subjects, {len(set(self.gestures))} {self.target}s, {frames}>"
         )
 
     def plot(self, capture: int = 0) -> Figure:
-        """A figure of one capture by its position: its mean pressure on the grid, and the summed pressure over time."""
+        """Draw one capture: its mean pressure on the grid, and the summed pressure over time."""
         self._refuse_if_blind("plot")
         from matplotlib.figure import Figure
 
         row, frames = self.captures.iloc[capture], self[capture].astype(np.float64)
         words = ", ".join(f"{name} {row[name]}" for name in ("subject", "gesture") if name in row)
+        name = f"{self.name} (synthetic)" if self.synthetic else self.name
         figure = Figure(figsize=(8, 3), layout="constrained")
-        figure.suptitle(
-            f"{self.name}{' (synthetic)' * self.synthetic}, capture {capture}: {words}", fontsize=10
-        )
+        figure.suptitle(f"{name}, capture {capture}: {words}", fontsize=10)
         grid, course = figure.subplots(1, 2, width_ratios=(1, 2))
         image = grid.imshow(frames.mean(axis=0), cmap="magma", vmin=0)
         grid.set(title="mean pressure", xticks=[], yticks=[])
@@ -380,23 +366,20 @@ class Corpus:
         return figure
 
 
-def unblind(corpus: Corpus) -> tuple[Corpus, tuple[str, ...] | None]:
-    """The same captures with labels, and the columns of the blind corpus; None if it was not blind."""
-    return corpus._with(visible=None), corpus._visible
+def unblind(corpus: Corpus) -> Corpus:
+    """The same captures with labels, subjects and origin, for caches and checks of the harness."""
+    return corpus._with(visible=None)
 
 
 def shared_frames(corpus: Corpus) -> tuple[np.ndarray, np.ndarray]:
-    """The array that captures are mapped in, which may hold others, too, and where each begins, int64 [captures]."""
+    """Frames that a corpus shares with others, and the first frame of each of its captures.
+
+    Returns:
+        Frames [total_frames, rows, cols], not copied, and starts int64 [captures].
+    """
     return corpus._frames, corpus._starts
 
 
 def untrained_classes(labels: np.ndarray, train: np.ndarray, test: np.ndarray) -> list[str]:
-    """The labels of the tested captures that no training capture has, sorted."""
+    """Classes of test captures that no training capture has, sorted; sides are positions."""
     return sorted({*map(str, pd.unique(labels[test]))} - {*map(str, pd.unique(labels[train]))})
-
-
-def corpus_origin(corpus: Corpus) -> Origin:
-    """Source of the captures of a corpus, also of a blind one, for caches."""
-    return Origin(
-        *(corpus.__dict__[f"_{name}"] for name in ("digest", "path", "index", "piece", "steps"))
-    )

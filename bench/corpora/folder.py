@@ -194,7 +194,7 @@ def _hash_file(path: Path) -> str:
 
 def _reduce_corpus(corpus: Corpus) -> str | tuple:
     """Pickle a stored corpus by its folder; one in memory, or after steps, with its frames."""
-    labelled, visible = unblind(corpus)
+    labelled, visible = unblind(corpus), corpus.visible
     path = labelled.path
     if path is None or labelled.steps:
         return object.__reduce_ex__(corpus, 2)

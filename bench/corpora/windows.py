@@ -11,18 +11,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.corpora.corpus import Corpus, corpus_origin, shared_frames
+from bench.corpora.corpus import Corpus, shared_frames, unblind
 
 
 class Step:
     """A step, which turns each capture into one or several."""
 
     def source_rows(self, corpus: Corpus) -> np.ndarray:
-        """The original capture of each new one, as an index."""
+        """Position of the original capture of each resulting one."""
         return np.arange(len(corpus))
 
     def code_objects(self) -> list[Callable]:
-        """The code that its results depend on."""
+        """The code on which its results depend."""
         return [type(self)]
 
     def kept_numbers(self, taxels: int) -> int:
@@ -30,15 +30,20 @@ class Step:
         return 0
 
     def __call__(self, corpus: Corpus) -> Corpus:
-        """The captures that are made of those of a corpus, in the same order."""
+        """Apply the step: captures in the order of their originals."""
         raise NotImplementedError
 
 
 @dataclass(frozen=True)
 class Windows(Step):
-    """Every capture as windows of ``seconds``, one every ``hop``, 0 for half a window; no frame is copied.
+    """Cut every capture into windows; no frame is copied.
 
-    Windows begin with the capture and at every hop, as far as they are full. A shorter capture stays as it is.
+    Windows begin with the capture and at every hop, as far as they are full. A shorter capture
+    stays as it is.
+
+    Args:
+        seconds: length of a window.
+        hop: seconds from the beginning of one window to that of the next; 0 is half a window.
     """
 
     seconds: float
@@ -47,25 +52,26 @@ class Windows(Step):
     def window_and_hop(self, rate_hz: float) -> tuple[int, int]:
         """Frames of a window and of a hop."""
         frames = max(1, round(self.seconds * rate_hz))
-        return frames, max(1, round(self.hop * rate_hz) if self.hop else (frames + 1) // 2)
+        hop = round(self.hop * rate_hz) if self.hop else (frames + 1) // 2
+        return frames, max(1, hop)
 
     def source_rows(self, corpus: Corpus) -> np.ndarray:
-        """The original capture of each window, as an index."""
+        """Position of the original capture of each window."""
         frames, hop = self.window_and_hop(corpus.rate_hz)
-        return np.repeat(np.arange(len(corpus)), np.maximum(corpus.lengths - frames, 0) // hop + 1)
+        windows = np.maximum(corpus.lengths - frames, 0) // hop + 1
+        return np.repeat(np.arange(len(corpus)), windows)
 
     def __call__(self, corpus: Corpus) -> Corpus:
         """The windows of each capture."""
         frames, hop = self.window_and_hop(corpus.rate_hz)
-        row = self.source_rows(corpus)
-        begin = (np.arange(len(row)) - np.searchsorted(row, row)) * hop
-        cut = (
-            corpus[row] if len(row) > len(corpus) else corpus
-        )  # a robot's one window is not worth copying a table
-        source = corpus_origin(cut)
-        return cut.with_fields(
-            starts=shared_frames(cut)[1] + begin,
-            lengths=np.minimum(cut.lengths, frames),
-            piece=source.piece + begin,
-            steps=(*source.steps, self),
+        rows = self.source_rows(corpus)
+        begin = (np.arange(len(rows)) - np.searchsorted(rows, rows)) * hop
+        if len(rows) > len(corpus):  # a robot's only window is not worth the copy of a table
+            corpus = corpus[rows]
+        origin = unblind(corpus)
+        return corpus.with_fields(
+            starts=shared_frames(corpus)[1] + begin,
+            lengths=np.minimum(corpus.lengths, frames),
+            piece=origin.piece + begin,
+            steps=(*origin.steps, self),
         )

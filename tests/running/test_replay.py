@@ -337,7 +337,7 @@ def test_training_subjects_are_judged_by_systems_that_were_not_trained_on_them()
             return super().fit(X, y)
 
         def predict_proba(self, X):
-            pairs.append((self.subjects_, set(unblind(X)[0].subjects)))
+            pairs.append((self.subjects_, set(unblind(X).subjects)))
             return super().predict_proba(X)
 
     learn_stopping_rule(Watched, corpus, np.flatnonzero(corpus.subjects != "3"), Instants((), 30.0))
