@@ -1,1 +1,1 @@
-"""The execution of plans: one loop for every kind of run, a file for each kind, workers, faults and sizes."""
+"""The execution of plans: the loop, its workers, what a fold does, circumstances, saved systems."""

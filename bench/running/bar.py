@@ -64,14 +64,13 @@ class Bar(Progress):
         self.add_task(title, total=folds, completed=folds - len(missing), now="")
         self._refresh(self.seconds_left)
 
-    def _refresh(self, seconds_left: float | None, new_folds: int = 0) -> None:
+    def _refresh(self, seconds: float | None, new_folds: int = 0) -> None:
         """Show the run, its number among several, the time left for all, and the present fold."""
-        words, now = self.title, ""
+        words = self.title
         if self.runs > 1:
-            time = f", {format_estimate(seconds_left)} left" if (seconds_left or 0) >= 1 else ""
+            time = f", {format_estimate(seconds)} left" if seconds and seconds >= 1 else ""
             words = f"run {self.started} of {self.runs}{time}: {self.title}"
-        if self.missing:
-            now = fold_title(self.missing[0])
+        now = fold_title(self.missing[0]) if self.missing else ""
         self.update(self.run.id, advance=new_folds, description=words, now=now)
 
     @property
@@ -81,21 +80,17 @@ class Bar(Progress):
         The present run goes on as fast as so far. A waiting one takes its expected time, or as long
         as other folds on average.
         """
-        (folds, expected), spent = self.expected, self.run.elapsed or 0.0
-        missing = len(self.missing)
-        done = folds - missing
+        (folds, expected), missing = self.expected, len(self.missing)
+        spent, done = self.run.elapsed or 0.0, folds - missing
+        left = None if expected is None else max(0.0, expected - spent)
         if done:
-            left: float | None = spent / done * missing
-        else:
-            left = None if expected is None else max(0.0, expected - spent)
-        all_done = self.past_folds + done
-        pace = (self.past_seconds + spent) / all_done if all_done else None
-        total = 0.0
-        for count, seconds in ((missing, left), *self.waiting):
-            if seconds is None and pace is None:
-                return None
-            total += seconds if seconds is not None else count * pace
-        return total
+            left = spent / done * missing
+        times = [(missing, left), *self.waiting]
+        if self.past_folds + done == 0:
+            known = [seconds for _, seconds in times if seconds is not None]
+            return sum(known) if len(known) == len(times) else None
+        pace = (self.past_seconds + spent) / (self.past_folds + done)
+        return sum(count * pace if seconds is None else seconds for count, seconds in times)
 
     def end_fold(self, result: FoldResult) -> None:
         """Count a stored fold; print a line where no bar is visible before the end (a log)."""

@@ -1,4 +1,4 @@
-"""Evaluation of a fold, and measures of a run: fit, predict the test captures, then circumstances."""
+"""Evaluation of a fold, and measures of a run: fit, predict test captures, then circumstances."""
 
 from __future__ import annotations
 

@@ -146,7 +146,7 @@ def _learn_more(learner: Any, cell: Cell, system: contract.System, corpus: Corpu
 
 
 def _learn_stopping(cell: Cell, corpus: Corpus) -> Stopping | None:
-    """Learn calibration and stopping rule; None, with a warning, if the captures cannot teach it."""
+    """Learn calibration and stopping rule; None, with a warning, if captures cannot teach it."""
     try:
         reason = why_unlearnable(cell.untrained_system, corpus)
     except InputError as e:

@@ -74,5 +74,5 @@ def labels_with_probability(predictions: pd.DataFrame) -> pd.DataFrame:
     columns = [scores.PREFIX + name for name in scores.classes_of(predictions)]
     mean = predictions.groupby(["fold", "capture"], sort=False)[columns].mean().to_numpy()
     rows = scores.label_captures(predictions).drop(columns=["start", "frames"])
-    true = pd.Index(columns).get_indexer(scores.PREFIX + rows["true"].astype(str))
+    true = pd.Index(columns).get_indexer(pd.Index(scores.PREFIX + rows["true"].astype(str)))
     return rows.assign(p_true=mean[np.arange(len(rows)), true])

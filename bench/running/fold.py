@@ -218,7 +218,7 @@ def take_evenly(values: np.ndarray, most: int) -> np.ndarray:
 
 
 class Decisions(NamedTuple):
-    """Decisions on some captures: arrays [decisions], float64 probabilities [decisions, classes]."""
+    """Decisions on captures: arrays [decisions], float64 probabilities [decisions, classes]."""
 
     capture: np.ndarray
     start: np.ndarray
@@ -228,8 +228,8 @@ class Decisions(NamedTuple):
     @classmethod
     def from_table(cls, table: pd.DataFrame, proba: np.ndarray) -> Decisions:
         """Make decisions of a table with these columns, and the probabilities of its rows."""
-        columns = (table[name].to_numpy() for name in ("capture", "start", "frames"))
-        return cls(*columns, np.asarray(proba, dtype=np.float64))
+        capture, start, frames = (table[name].to_numpy() for name in ("capture", "start", "frames"))
+        return cls(capture, start, frames, np.asarray(proba, dtype=np.float64))
 
     def on_capture(self, capture: object) -> Decisions:
         """Return the decisions on one capture."""
@@ -305,5 +305,4 @@ def measure_latency(
 
 def pace_metrics(times: Times) -> dict[str, float]:
     """Speed of the machine: ms of the reference workload, now and at best, and its slowdown."""
-    names = ("reference_ms", "quiet_ms", "slowdown")
-    return {name: getattr(times, name) for name in names}
+    return {name: getattr(times, name) for name in ("reference_ms", "quiet_ms", "slowdown")}

@@ -141,7 +141,7 @@ def warnings_of_plan(plan: Plan) -> list[str]:
 def find_stored_runs(
     store: Store, plans: Iterable[Plan]
 ) -> tuple[dict[str, Run], list[tuple[Plan, int]]]:
-    """Find the finished runs by their key, and the other plans with their number of missing folds."""
+    """Find finished runs by their key, and the other plans with their number of missing folds."""
     stored, unfinished = {}, []
     for plan in {plan.key: plan for plan in plans}.values():
         run = store.find_run(plan.key, plan.cell.kind)

@@ -1,9 +1,9 @@
 """Captures seen so far: decisions at instants, and early stopping.
 
 The replay table has a row per capture and instant with new frames: the columns of the predictions
-table (`bench.values.scores`), where ``start`` and ``frames`` are those seen, ``instant`` (the frames
-that a long enough capture would have given by then), ``confidence`` (calibrated) and ``settled`` (1
-less the expected gain of waiting). After its last row a capture keeps its last decision.
+table (`bench.values.scores`), where ``start`` and ``frames`` are those seen, ``instant`` (frames of
+a long enough capture by then), ``confidence`` (calibrated) and ``settled`` (1 less the expected
+gain of waiting). After its last row a capture keeps its last decision.
 """
 
 from __future__ import annotations

@@ -324,7 +324,7 @@ def _batch_effect_tags(folds: list[FoldResult]) -> dict[str, str]:
 
 
 def _training_tables(folds: list[FoldResult]) -> dict[str, pd.DataFrame]:
-    """Tables of choices and trials of each training part, and numbers by epoch, if there are any."""
+    """Tables of choices and trials in training, and of numbers by epoch, if there are any."""
     tables: dict[str, pd.DataFrame] = {}
     if any(fold.chosen for fold in folds):
         rows = [{"fold": fold.name} | fold.chosen for fold in folds]

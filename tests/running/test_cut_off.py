@@ -83,7 +83,7 @@ def test_a_fold_that_is_cut_off_or_damaged_is_done_again(harm, store, monkeypatc
 def test_trials_and_choices_of_any_type_are_the_same_in_memory_and_after_a_resume(
     store, monkeypatch
 ):
-    """How columns of each type are stored, is in tests/test_values.py."""
+    """How columns of each type are stored, is in tests/store/test_tables.py."""
     among = pd.DataFrame([[Echo, 8 / 3, "auto"], [Echo, 0.25, 8]], columns=["kind", 7, "C"])
     more = {"trials": among, "chosen": {"states": ("stuck", "dead"), "n": np.int64(3), 7: None}}
     more["history"] = [{"loss": 1 / 3}, {"loss": 1 / 9}]

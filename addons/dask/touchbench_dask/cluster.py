@@ -15,9 +15,9 @@ from bench.plan.plan import Fold, Plan
 from bench.running.results import FoldResult
 from bench.running.workers import FoldExecutor, fill_cache, run_fold
 
-ANSWER_S = 10.0  # that a scheduler has to answer
-FIRST_S = 30.0  # for the first worker to come
-_filled: set[str] = set()  # of a worker's process: systems whose features are kept
+ANSWER_TIMEOUT_S = 10.0  # that a scheduler has to answer
+WORKER_TIMEOUT_S = 30.0  # for the first worker to come
+_filled_caches: set[str] = set()  # of a worker's process: systems whose features are kept
 
 
 class Cluster(FoldExecutor):
@@ -47,16 +47,16 @@ class Cluster(FoldExecutor):
         try:
             if file.is_file():
                 address = json.loads(file.read_text())["address"]
-            self.client = Client(address, timeout=ANSWER_S, set_as_default=False)
+            self.client = Client(address, timeout=ANSWER_TIMEOUT_S, set_as_default=False)
         except Exception as e:  # Dask has many
-            why = " ".join(str(e).split()) or f"{type(e).__name__} after {ANSWER_S:g} s"
+            why = " ".join(str(e).split()) or f"{type(e).__name__} after {ANSWER_TIMEOUT_S:g} s"
             raise InputError(
                 f"cluster={self.address}: no scheduler answers ({why[:80]}); give "
                 "tcp://HOST:8786 of one that runs, or the file that it was started with "
                 "(--scheduler-file)"
             ) from e
         try:
-            self.client.wait_for_workers(1, timeout=FIRST_S)
+            self.client.wait_for_workers(1, timeout=WORKER_TIMEOUT_S)
         except Exception as e:
             self.client.close()
             start = f"start some, such as: dask worker {self.address} --nworkers 4 --nthreads 1"
@@ -103,7 +103,7 @@ def run_fold_remotely(
             difference = f"{name}: {value} here, {identity[name]} there"[:200]
             raise InputError(f"this worker differs from the machine of the command: {difference}")
     parts = repr((cell.features, cell.model, cell.tuning, corpus.digest))
-    if parts not in _filled:
+    if parts not in _filled_caches:
         fill_cache(cell, corpus)
-        _filled.add(parts)
+        _filled_caches.add(parts)
     return run_fold(cell, corpus, fold, threads)

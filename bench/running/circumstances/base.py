@@ -112,10 +112,9 @@ class Circumstance(Measurement):
         if LABELS_TABLE not in tables:
             return {}
         rows = self.label_rows(tables, rate_hz)
-        hits = (rows["true"] == rows["predicted"]).groupby(
-            [rows["case"], rows["level"]], sort=False
-        )
-        return {f"accuracy.{name}.{level:g}": float(x) for (name, level), x in hits.mean().items()}
+        rows = rows.assign(hit=rows["true"] == rows["predicted"])
+        means = rows.groupby(["case", "level"], sort=False, as_index=False)["hit"].mean()
+        return {f"accuracy.{r.case}.{r.level:g}": float(r.hit) for r in means.itertuples()}
 
     def measure_run(
         self, tables: Mapping[str, pd.DataFrame], folds: Sequence[FoldResult], rate_hz: float
@@ -131,7 +130,10 @@ class Circumstance(Measurement):
         from bench.values.stability import accuracy_curve, mean_losses
 
         curve = accuracy_curve(tables[LABELS_TABLE], self.key)
-        numbers = {f"accuracy.{r.case}.{r.level:g}": r.accuracy for r in curve.itertuples()}
+        numbers = {
+            f"accuracy.{row['case']}.{row['level']:g}": row["accuracy"]
+            for row in curve.to_dict("records")
+        }
         numbers |= {f"loss.{name}": loss for name, loss in mean_losses(curve).items()}
         return numbers | {f"loss.{self.key}": float(curve["loss"].mean())}, {self.key: curve}
 

@@ -88,7 +88,8 @@ class Subjects(Circumstance):
 
         curve = learning_curve(tables[LABELS_TABLE])
         numbers = {
-            f"accuracy.train_subjects.{r.train_subjects:g}": r.accuracy for r in curve.itertuples()
+            f"accuracy.train_subjects.{row['train_subjects']:g}": row["accuracy"]
+            for row in curve.to_dict("records")
         }
         return numbers, {"learning": curve}
 
