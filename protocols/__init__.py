@@ -1,6 +1,6 @@
-"""Training and test captures: scikit-learn splitters over captures.
+"""Protocols: scikit-learn splitters over captures; the folder is imported as `bench.protocols`.
 
-What the harness may ask of one stands in `bench.plan.splits`.
+`bench.plan.splits` has their interface.
 """
 
 PARTS = {

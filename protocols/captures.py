@@ -1,31 +1,33 @@
-"""Splits by capture: a test subject's other captures are trained on, so scores are optimistic for a new person.
+"""Splits by capture: other captures of a test subject are trained on, so scores are optimistic.
 
-On CoST this is worth about ten points of accuracy (docs/notes/systems.md, protocols); every label states it.
+On CoST they are about ten points higher than for a new person (docs/notes/systems.md, protocols);
+every label says that subjects are mixed.
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 from sklearn.model_selection import LeaveOneOut, StratifiedKFold, StratifiedShuffleSplit
 
 from bench.corpora.corpus import Corpus
-from bench.errors import InputError
-from bench.protocols.subjects import Folds, sort_naturally
+from bench.errors import InputError, check_value
+from bench.protocols.subjects import CaptureSplitter, Folds, sort_naturally
 
 
 def split_stratified(X: Corpus, y: object, folds: int, seed: int | np.random.RandomState) -> Folds:
-    """Stratified folds of captures, shuffled.
+    """Yield shuffled stratified folds of captures.
 
     Raises:
         InputError: a class has fewer captures than there are folds, or fewer than two folds.
     """
     y = X.gestures if y is None else np.asarray(y)
-    rare, most = _find_rarest(y)
-    if folds < 2 or most < folds:
-        what = (
-            f"give 2 to {most} folds" if most > 1 else f"two are needed; {_exclusion_advice(rare)}"
-        )
-        raise InputError(
-            f"protocol.folds={folds}: gesture {rare} of {X.name} has {most} captures here; {what}"
-        )
+    rare, count = _find_rarest(y)
+    if folds < 2 or count < folds:
+        advice = f"give 2 to {count} folds"
+        if count < 2:
+            advice = f"two are needed; {_exclusion_advice(rare)}"
+        fact = f"gesture {rare} of {X.name} has {count} captures here"
+        raise InputError(f"protocol.folds={folds}: {fact}; {advice}")
     yield from StratifiedKFold(folds, shuffle=True, random_state=seed).split(np.zeros(len(y)), y)
 
 
@@ -39,7 +41,8 @@ def _exclusion_advice(gesture: str) -> str:
     return f'leave it out with where="gesture != {gesture!r}"'
 
 
-class CaptureKFold:
+@dataclass(eq=False, repr=False)
+class CaptureKFold(CaptureSplitter):
     """K stratified folds of captures (Hughes et al. 2015 used 10); subjects are mixed.
 
     Args:
@@ -47,56 +50,47 @@ class CaptureKFold:
         seed: random seed of the shuffle.
     """
 
-    def __init__(self, folds: int = 10, seed: int = 0) -> None:
-        self.folds = folds
-        self.seed = seed
+    folds: int = 10
+    seed: int = 0
 
     def label(self, corpus: Corpus) -> str:
         """Protocol label of every row of results."""
         return f"{self.folds}-fold, subjects mixed"
 
-    def get_n_splits(self, X: object = None, y: object = None, groups: object = None) -> int:
-        """Number of folds."""
-        return self.folds
-
     def split(self, X: Corpus, y: object = None, groups: object = None) -> Folds:
-        """Yield (train, test) capture indices, every class spread over all folds; `split_stratified` says what is refused."""
+        """Yield (train, test) capture indices; raises as `split_stratified`."""
         yield from split_stratified(X, y, self.folds, self.seed)
 
 
-class RepeatedKFold:
-    """K stratified folds of captures, drawn several times; subjects are mixed, and each capture is tested each time.
+@dataclass(eq=False, repr=False)
+class RepeatedKFold(CaptureSplitter):
+    """K stratified folds of captures, drawn several times; subjects are mixed.
 
     Args:
         folds: number of folds.
-        repeats: number of draws.
+        repeats: number of draws, each of which tests every capture.
         seed: random seed of the shuffles.
     """
 
-    def __init__(self, folds: int = 10, repeats: int = 5, seed: int = 0) -> None:
-        self.folds = folds
-        self.repeats = repeats
-        self.seed = seed
+    folds: int = 10
+    repeats: int = 5
+    seed: int = 0
 
     def label(self, corpus: Corpus) -> str:
         """Protocol label of every row of results."""
         return f"{self.repeats} times {self.folds}-fold, subjects mixed"
 
-    def get_n_splits(self, X: object = None, y: object = None, groups: object = None) -> int:
-        """Number of folds times repeats."""
-        return self.folds * self.repeats
-
     def split(self, X: Corpus, y: object = None, groups: object = None) -> Folds:
-        """Yield (train, test) capture indices; refuses no repeat, and as `split_stratified` does."""
-        if self.repeats < 1:
-            raise InputError(f"protocol.repeats={self.repeats}: give 1 or more")
+        """Yield (train, test) capture indices; raises as `split_stratified`."""
+        check_value("protocol.repeats", self.repeats, self.repeats >= 1, "1 or more")
         shuffles = np.random.RandomState(self.seed)  # one stream for all repeats, as scikit-learn's
         for _ in range(self.repeats):
             yield from split_stratified(X, y, self.folds, shuffles)
 
 
-class Within:
-    """K stratified folds of the captures of each subject; a system is trained on captures of this subject alone.
+@dataclass(eq=False, repr=False)
+class Within(CaptureSplitter):
+    """K stratified folds of the captures of each subject, each with a system of its own.
 
     Cang et al. 2015 printed accuracies of this protocol.
 
@@ -105,57 +99,49 @@ class Within:
         seed: random seed of the shuffle.
     """
 
-    def __init__(self, folds: int = 5, seed: int = 0) -> None:
-        self.folds = folds
-        self.seed = seed
+    folds: int = 5
+    seed: int = 0
 
     def label(self, corpus: Corpus) -> str:
         """Protocol label of every row of results."""
         return f"{self.folds}-fold within each subject, subjects mixed: a system per subject"
 
-    def get_n_splits(self, X: Corpus, y: object = None, groups: np.ndarray | None = None) -> int:
-        """Number of subjects times folds."""
-        return self.folds * len(set(X.subjects if groups is None else groups))
-
     def split(self, X: Corpus, y: object = None, groups: np.ndarray | None = None) -> Folds:
-        """Yield (train, test) capture indices, subjects in natural order; `split_stratified` says what is refused."""
+        """Yield (train, test) capture indices by subject; raises as `split_stratified`."""
         groups = np.asarray(X.subjects if groups is None else groups)
         y = X.gestures if y is None else np.asarray(y)
         for name in sort_naturally(groups):
-            own = np.flatnonzero(groups == name)
+            rows = np.flatnonzero(groups == name)
             try:
-                for train, test in split_stratified(X[own], y[own], self.folds, self.seed):
-                    yield own[train], own[test]
+                for train, test in split_stratified(X[rows], y[rows], self.folds, self.seed):
+                    yield rows[train], rows[test]
             except InputError as e:
                 raise InputError(f"protocol=within, subject {name}: {e}") from e
 
 
-class LeaveOneCapture:
-    """Train on all captures but one, so on others of the same subject; a fold for each capture takes long."""
+class LeaveOneCapture(CaptureSplitter):
+    """Train on all captures but one, subjects mixed; a fold for each capture takes long."""
 
     def label(self, corpus: Corpus) -> str:
         """Protocol label of every row of results."""
         return f"leave one capture out ({len(corpus)} captures), subjects mixed"
 
-    def get_n_splits(self, X: Corpus, y: object = None, groups: object = None) -> int:
-        """Number of captures."""
-        return len(X)
-
     def split(self, X: Corpus, y: object = None, groups: object = None) -> Folds:
         """Yield (train, test) capture indices.
 
         Raises:
-            InputError: a class has a single capture, which no fold could train on.
+            InputError: a class has a single capture, so a fold would not train on it.
         """
         y = X.gestures if y is None else np.asarray(y)
-        rare, fewest = _find_rarest(y)
-        if fewest < 2:
-            one = f"gesture {rare} of {X.name} has 1 capture here"
-            raise InputError(f"protocol=leave_one_capture: {one}; {_exclusion_advice(rare)}")
+        rare, count = _find_rarest(y)
+        if count < 2:
+            fact = f"gesture {rare} of {X.name} has 1 capture here"
+            raise InputError(f"protocol=leave_one_capture: {fact}; {_exclusion_advice(rare)}")
         yield from LeaveOneOut().split(np.zeros(len(y)))
 
 
-class Holdout:
+@dataclass(eq=False, repr=False)
+class Holdout(CaptureSplitter):
     """A stratified split of captures, 65 / 35 as in van Wingerden et al. 2014; subjects are mixed.
 
     Args:
@@ -163,17 +149,12 @@ class Holdout:
         seed: random seed of the draw.
     """
 
-    def __init__(self, test: float = 0.35, seed: int = 0) -> None:
-        self.test = test
-        self.seed = seed
+    test: float = 0.35
+    seed: int = 0
 
     def label(self, corpus: Corpus) -> str:
         """Protocol label of every row of results."""
         return f"{1 - self.test:.0%} / {self.test:.0%} hold-out, subjects mixed"
-
-    def get_n_splits(self, X: object = None, y: object = None, groups: object = None) -> int:
-        """Return 1."""
-        return 1
 
     def split(self, X: Corpus, y: object = None, groups: object = None) -> Folds:
         """Yield the one (train, test) pair of capture indices.
@@ -182,10 +163,8 @@ class Holdout:
             InputError: the share leaves a side without a capture of some class.
         """
         y = X.gestures if y is None else np.asarray(y)
-        if not 0 < self.test < 1:
-            raise InputError(
-                f"protocol.test={self.test}: give a share between 0 and 1, such as 0.35"
-            )
+        advice = "a share between 0 and 1, such as 0.35"
+        check_value("protocol.test", self.test, 0 < self.test < 1, advice)
         splitter = StratifiedShuffleSplit(1, test_size=self.test, random_state=self.seed)
         try:
             yield from splitter.split(np.zeros(len(y)), y)

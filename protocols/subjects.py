@@ -1,6 +1,7 @@
 """Splits by subject: none is on both sides."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from sklearn.model_selection import GroupKFold
@@ -12,20 +13,28 @@ Folds = Iterator[tuple[np.ndarray, np.ndarray]]  # positions of training and of 
 
 
 def sort_naturally(names: np.ndarray) -> list[str]:
-    """Distinct names, those that are whole numbers first and by value: 1, 2, 10, rather than 1, 10, 2."""
+    """Distinct names, integers first and by value: 1, 2, 10 rather than 1, 10, 2."""
     return sorted(set(names), key=lambda s: (not s.isdecimal(), int(s) if s.isdecimal() else 0, s))
 
 
-class LOSO:
-    """Leave one subject out: as many folds as subjects, each tested on one of them."""
+class CaptureSplitter:
+    """Base of the protocols, with what scikit-learn's searches need."""
+
+    def split(self, X: Corpus, y: object = None, groups: np.ndarray | None = None) -> Iterator:
+        """Yield (train, test) capture indices."""
+        raise NotImplementedError
+
+    def get_n_splits(self, X: Corpus, y: object = None, groups: np.ndarray | None = None) -> int:
+        """Number of folds."""
+        return sum(1 for _ in self.split(X, y, groups))
+
+
+class LOSO(CaptureSplitter):
+    """Leave one subject out: a fold for each subject."""
 
     def label(self, corpus: Corpus) -> str:
         """Protocol label of every row of results."""
         return f"LOSO ({len(set(corpus.subjects))} subjects)"
-
-    def get_n_splits(self, X: Corpus, y: object = None, groups: np.ndarray | None = None) -> int:
-        """Number of subjects."""
-        return len(set(X.subjects if groups is None else groups))
 
     def split(self, X: Corpus, y: object = None, groups: np.ndarray | None = None) -> Folds:
         """Yield (train, test) capture indices, subjects in natural order.
@@ -36,34 +45,28 @@ class LOSO:
         groups = np.asarray(X.subjects if groups is None else groups)
         names = sort_naturally(groups)
         if len(names) < 2:
-            raise InputError(
-                f"{X.name} has {len(names)} subject here, two are needed to leave one out; widen where= or use "
-                "protocol=kfold"
-            )
+            fact = f"{X.name} has {len(names)} subject here, two are needed to leave one out"
+            raise InputError(f"{fact}; widen where= or use protocol=kfold")
         for name in names:
             test = groups == name
             yield np.flatnonzero(~test), np.flatnonzero(test)
 
 
-class SubjectKFold:
+@dataclass(eq=False, repr=False)
+class SubjectKFold(CaptureSplitter):
     """K folds of whole subjects (scikit-learn's `GroupKFold`).
 
     Args:
         folds: number of folds, at most the number of subjects.
-        seed: order in which subjects are dealt to folds.
+        seed: random seed of the order in which subjects are dealt to folds.
     """
 
-    def __init__(self, folds: int = 10, seed: int = 0) -> None:
-        self.folds = folds
-        self.seed = seed
+    folds: int = 10
+    seed: int = 0
 
     def label(self, corpus: Corpus) -> str:
         """Protocol label of every row of results."""
         return f"{self.folds}-fold by subject"
-
-    def get_n_splits(self, X: object = None, y: object = None, groups: object = None) -> int:
-        """Number of folds."""
-        return self.folds
 
     def split(self, X: Corpus, y: object = None, groups: np.ndarray | None = None) -> Folds:
         """Yield (train, test) capture indices.
@@ -74,13 +77,9 @@ class SubjectKFold:
         groups = np.asarray(X.subjects if groups is None else groups)
         subjects = len(set(groups))
         if self.folds < 2 or self.folds > subjects:
-            what = (
-                f"give 2 to {subjects} folds"
-                if subjects > 1
-                else "two are needed; take protocol=kfold or more captures"
-            )
-            raise InputError(
-                f"protocol.folds={self.folds}: {X.name} has {subjects} subject{'s' * (subjects > 1)} here; {what}"
-            )
+            count, advice = f"{subjects} subjects", f"give 2 to {subjects} folds"
+            if subjects == 1:
+                count, advice = "1 subject", "two are needed; take protocol=kfold or more captures"
+            raise InputError(f"protocol.folds={self.folds}: {X.name} has {count} here; {advice}")
         splitter = GroupKFold(self.folds, shuffle=True, random_state=self.seed)
         yield from splitter.split(groups, groups=groups)

@@ -11,14 +11,14 @@ from sklearn.model_selection import StratifiedKFold
 
 from bench.corpora.windows import Windows
 from bench.errors import InputError
-from bench.plan.cells import make_cells
+from bench.plan.grid import make_cells
 from bench.plan.plan import Fold, make_plans
 from bench.protocols.windows import WindowKFold
 from bench.running.circumstances.faults import Faults
-from bench.running.evaluation import evaluated
+from bench.running.evaluation import fit_and_predict
 from bench.values import scores
 from tests.conftest import SMALL, random_corpus
-from tests.running.fakes import Level, cell_of
+from tests.running.fakes import Level, fake_cell
 
 
 @given(seed=st.integers(0, 500), frames=st.integers(2, 12), hop=st.integers(1, 6))
@@ -41,15 +41,15 @@ def test_windows_of_all_captures_are_dealt_as_scikit_learn_does(seed, frames, ho
 class Batch(Level):
     """Measures pressure from the mean of the windows that it is given together."""
 
-    def level(self, X):
-        return super().level(X) - super().level(X).mean()
+    def measure_levels(self, X):
+        return super().measure_levels(X) - super().measure_levels(X).mean()
 
 
 def folds_of(system, protocol):
     """All windows of 24 captures, and all folds of a system."""
     windows = protocol.joined(random_corpus(per_class=2, longest=60))
     folds = [Fold(f"fold{i:02d}", *split) for i, split in enumerate(protocol.split(windows))]
-    return windows, [evaluated(cell_of(system), windows, fold, 1)[1] for fold in folds]
+    return windows, [fit_and_predict(fake_cell(system), windows, fold, 1)[1] for fold in folds]
 
 
 def test_a_capture_is_scored_once_by_all_its_windows():
@@ -58,7 +58,7 @@ def test_a_capture_is_scored_once_by_all_its_windows():
     table = pd.concat([fold.table for fold in folds])
     rows = sorted(zip(table["capture"], table["start"], table["frames"], strict=True))
     assert rows == sorted(zip(windows.index, windows.piece, windows.lengths, strict=True))
-    labelled = scores.captures(table).set_index("capture")["predicted"]
+    labelled = scores.label_captures(table).set_index("capture")["predicted"]
     assert sorted(labelled.index) == list(range(24))
     for capture, label in labelled.items():
         proba = table.loc[table["capture"] == capture, ["p_pat", "p_rub", "p_tap"]].to_numpy()
@@ -79,5 +79,5 @@ def test_rows_say_that_the_protocol_is_optimistic_and_faults_are_refused():
         InputError, match="protocol=windows.* tests windows, not captures; leave under= out"
     ):
         make_plans([replace(plan.cell, circumstances=(Faults(("noise",)),))], 1)
-    with pytest.raises(InputError, match=r"protocol\.seconds=0, .* above 0"):
+    with pytest.raises(InputError, match=r"protocol\.seconds=0: .* above 0"):
         make_plans(make_cells(typed | {"protocol.seconds": "0"}), 1)
