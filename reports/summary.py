@@ -342,7 +342,7 @@ def summarise_group(
         summary.lines = [f"Nothing can be chosen here: {e}."]
         return summary
     summary.choice = choice = choose_candidate(candidates, BY, dict(budgets))
-    lines = [*choice.reasons(), *choice.expectation(), *candidates.notes]
+    lines = [*choice.reason_sentences(), *choice.expectation_sentences(), *candidates.notes]
     systems = candidates.table["system"].unique()
     if len(systems) == 1:
         alone = f"Only {systems[0]} has a run here, so there is no other system to compare."

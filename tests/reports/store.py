@@ -10,28 +10,19 @@ from tests.reading.results import make_predictions, predictions_with_hits
 __all__ = ["keep", "make_predictions", "stressed", "tracked_run", "predictions_with_hits"]
 
 PARAMS = ("corpus_digest", "git", "cpu", "threads", "faults")
-PARTS = {
-    "model_name": "model",
-    "protocol_name": "protocol",
-}  # names are parameters, words with their values tags
+# Names of parts are parameters, words with their values tags.
+PARTS = {"model_name": "model", "protocol_name": "protocol"}
 OF_THE_STORE = ("run_id", "started", "status", "features_name")
 
 
 def keep(store, result):
     """Store a result; the id of its run."""
-    params = {
-        k
-        for k in result.attributes
-        if k in PARAMS or ("." in k and not k.startswith("touchbench."))
-    }
+    names = (k for k in result.attributes if "." in k and not k.startswith("touchbench."))
+    params = {*names, *PARAMS} & {*result.attributes}
     tags = {k: v for k, v in result.attributes.items() if k not in {*params, *PARTS, *OF_THE_STORE}}
     info = store.create_run(result["system"], tags).info
-    run = info.run_id
-    store.log_values(
-        run,
-        result.metrics,
-        {k: result[k] for k in params} | {v: result[k] for k, v in PARTS.items()},
-    )
+    run, parts = info.run_id, {word: result[name] for name, word in PARTS.items()}
+    store.log_values(run, result.metrics, {k: result[k] for k in params} | parts)
     with tempfile.TemporaryDirectory() as folder:
         for name in result.tables:
             write_table(result.tables[name], Path(folder) / table_file(name))

@@ -1,4 +1,4 @@
-"""A bundle makes the page again without store and corpus, has no trace of the machine, and damaged ones are refused."""
+"""A bundle makes the page again without store and corpus; damaged ones are refused."""
 
 import json
 import zipfile

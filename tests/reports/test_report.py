@@ -1,4 +1,4 @@
-"""The report as a whole: its numbers by hand, and what the page must not do; `tests.net` has it as golden files."""
+"""The report as a whole: its numbers by hand, and a page that is complete and loads nothing."""
 
 import base64
 import gzip
@@ -7,7 +7,6 @@ import html
 import json
 import re
 import socket
-from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -41,16 +40,9 @@ from tests.reports.store import keep, tracked_run
 HOSTILE = 'svm[x=<script>alert(1)</script>|"&*_] · `a`'
 
 
-def typed(system):
-    return {
-        "touchbench.command": "run",
-        "touchbench.arguments": f'{{"data": "haart", "model": "{system}"}}',
-    }
-
-
-def verdict(results, budgets):
-    (name, members), *_ = group_results(results).items()
-    return summarise_group(name, members, results, budgets)
+def summarise(runs, budgets=None):
+    (name, members), *_ = group_results(runs).items()
+    return summarise_group(name, members, runs, budgets or {})
 
 
 class Parsed(HTMLParser):
@@ -128,28 +120,22 @@ def test_the_page_loads_nothing_is_whole_and_names_are_text(store, quick):
     assert all(fact in warnings for fact in ("(synthetic)", "cut", f"batchy {BATCH_MARK}"))
 
 
-def test_the_table_of_systems_by_hand(store):
-    """Of eight people, each loses a capture of 20 with b (p = 2 / 2 ** 8), and every other one with c (2 / 2 ** 4)."""
+def test_the_table_of_systems_by_hand():
+    """Each of eight people loses a capture of 20 with b (p = 2 / 2 ** 8), every other one with c."""
     hits = {"a": [15] * 8, "b": [14] * 8, "c": [14, 15] * 4}
     runs = [
         make_run(name, predictions_with_hits(each), cost=1.0 + i)
         for i, (name, each) in enumerate(hits.items())
     ]
-    table = verdict(runs, {}).table
-    assert [row["system"].removesuffix(" (chosen)") for row in table.texts] == ["a", "c", "b"]
-    assert [row["difference"] for row in table.texts] == ["-", "-2.5", "-5.0"]
-    assert [row["test"] for row in table.texts] == [
-        "reference",
-        "n.s.",
-        "0.016",
-    ]  # two tests, 2 * 2 / 2 ** 8
-    assert [row["rank"] for row in table.texts] == ["1-2 ≈", "1-3 ≈", "2-3"]
-    assert [row["flash kB"] for row in table.texts] == ["4", "12", "8"]
-    few = verdict(
-        [make_run(name, predictions_with_hits(each[:5])) for name, each in hits.items()], {}
-    )
-    assert {row["test"] for row in few.table.texts} == {"reference", "too few subjects"}
-    assert {row["rank"] for row in few.table.texts} == {"1-3 ≈"}
+    texts = pd.DataFrame(summarise(runs).table.texts)
+    assert [name.split()[0] for name in texts["system"]] == ["a", "c", "b"]
+    assert texts["difference"].tolist() == ["-", "-2.5", "-5.0"]
+    assert texts["test"].tolist() == ["reference", "n.s.", "0.016"]  # two tests, 2 * 2 / 2 ** 8
+    assert texts["rank"].tolist() == ["1-2 ≈", "1-3 ≈", "2-3"]
+    assert texts["flash kB"].tolist() == ["4", "12", "8"]
+    five = [make_run(name, predictions_with_hits(each[:5])) for name, each in hits.items()]
+    texts = pd.DataFrame(summarise(five).table.texts)
+    assert {*texts["test"]} == {"reference", "too few subjects"} and {*texts["rank"]} == {"1-3 ≈"}
 
 
 def test_numbers_for_the_script_by_hand():
@@ -157,35 +143,25 @@ def test_numbers_for_the_script_by_hand():
     runs = [
         make_run("a", predictions_with_hits([15] * 8), seed=1),
         make_run("a", predictions_with_hits([13] * 8), seed=0, cost=3.0),
+        make_run("b", predictions_with_hits(range(10, 18))),
     ]
-    runs += [make_run("b", predictions_with_hits(range(10, 18)))]
-    answer = replace(verdict(runs, {}), key="loso")
-    data = json.loads(
-        gzip.decompress(base64.b64decode(page_data(answer, {"a": "rf", "b": "mine.py:B"})))
-    )
+    text = page_data(summarise(runs), {"a": "rf", "b": "mine.py:B"})
+    data = json.loads(gzip.decompress(base64.b64decode(text)))
     heads = [column["name"] for column in data["columns"]]
     cells, seeds = (dict(zip(heads, data[name], strict=True)) for name in ("cells", "seeds"))
-    assert (
-        data["name"] == ["a", "b"]
-        and data["family"] == ["features", "own"]
-        and data["counts"] == [2, 0]
-    )
-    assert seeds["system"] == ["seed 0", "seed 1"] and len(cells["system"]) == 2
-    accuracies = [
-        text.split()[0] for text in (*seeds["accuracy % [95 %]"], cells["accuracy % [95 %]"][0])
-    ]
-    assert accuracies == ["65.0", "75.0", "70.0"] and [
-        *seeds["flash kB"],
-        cells["flash kB"][0],
-    ] == ["12", "4", "8"]
-    assert [each[0] for each in data["scores"]] == [70.0] * 8 and data["people"] == [*"12345678"]
+    assert data["name"] == ["a", "b"] and data["family"] == ["features", "own"]
+    assert data["counts"] == [2, 0] and len(cells["system"]) == 2
+    assert seeds["system"] == ["seed 0", "seed 1"] and seeds["flash kB"] == ["12", "4"]
+    accuracies = (*seeds["accuracy % [95 %]"], cells["accuracy % [95 %]"][0])
+    assert [words.split()[0] for words in accuracies] == ["65.0", "75.0", "70.0"]
+    assert cells["flash kB"][0] == "8" and data["people"] == [*"12345678"]
+    assert [each[0] for each in data["scores"]] == [70.0] * 8
+    (pair,) = data["pairs"]  # differences from -15 to 20 in steps of 5
+    assert pair[:2] == [0, 1] and pair[2] < 0 < pair[3] and 0.05 < pair[4] <= 1
     assert data["hits"][0].count("1") == 13 * 8
-    true = [data["gestures"][i] for i in data["true"]]
     table = runs[1].tables["predictions"].sort_values("capture")
-    assert (
-        true == table["true"].tolist()
-        and np.cumsum(data["captures"]).tolist() == table["capture"].tolist()
-    )
+    assert [data["gestures"][i] for i in data["true"]] == table["true"].tolist()
+    assert np.cumsum(data["captures"]).tolist() == table["capture"].tolist()
 
 
 def test_a_report_that_is_cut_off_leaves_the_earlier_one(quick, store, monkeypatch):
@@ -206,9 +182,8 @@ def test_a_report_that_is_cut_off_leaves_the_earlier_one(quick, store, monkeypat
         patch.setattr(page, "comparison_latex", lambda _: (_ for _ in ()).throw(KeyboardInterrupt))
         page.write_report(store, Path("report"))
     assert files() == before
-    left = Path(
-        "report", f".{socket.gethostname()}-{2**22 + 1}-abc"
-    )  # of a process that was killed; no PID is so high
+    # Of a process that was killed; no PID is so high.
+    left = Path("report", f".{socket.gethostname()}-{2**22 + 1}-abc")
     left.mkdir()
     page.write_report(store, Path("report"))
     assert files() != before and not left.exists()
@@ -220,14 +195,11 @@ def test_p_values_compare_with_the_system_that_was_asked_for(quick, store):
     page.write_report(store, Path("report"), against="b")
     rows = pd.read_csv("report/statistics.csv").set_index("system")
     assert rows["difference"].tolist() == pytest.approx([5, 0, -5]) and np.isnan(rows.loc["b", "p"])
-    assert rows["p_holm"].dropna().tolist() == pytest.approx(
-        [4 / 2**6] * 2
-    )  # six of one sign, two tests
+    p_values = rows["p_holm"].dropna().tolist()
+    assert p_values == pytest.approx([4 / 2**6] * 2)  # six of one sign, two tests
     pairs = pd.read_csv("report/pairs.csv").set_index(["system", "other"])
-    assert (
-        pairs.loc[("a", "b"), "p_holm"] == pytest.approx(6 / 2**6)
-        and pairs["gain"].tolist() == [6] * 3
-    )
+    assert pairs.loc[("a", "b"), "p_holm"] == pytest.approx(6 / 2**6)
+    assert pairs["gain"].tolist() == [6] * 3
     text = Path("report/index.html").read_text()
     assert "every system against b" in text and "was selected by these results" not in text
     with pytest.raises(InputError, match="against=d: no complete run of this system is stored"):
@@ -236,28 +208,24 @@ def test_p_values_compare_with_the_system_that_was_asked_for(quick, store):
 
 def test_the_footnote_of_reflex_stands_wherever_it_is_compared_on_haart(quick, store, capsys):
     for name, hits in (("reflex", range(12, 18)), ("svm · jung54", range(11, 17))):
-        tracked_run(store, name, predictions_with_hits(hits), **HAART, **typed(name))
+        arguments = json.dumps({"data": "haart", "model": name})
+        tags = {"touchbench.command": "run", "touchbench.arguments": arguments}
+        tracked_run(store, name, predictions_with_hits(hits), **HAART, **tags)
         keep(store, make_replay_run(name))
     words = "designed on seven of HAART's ten people"
-    assert main(["choose", "data=haart"]) == 0 and words in capsys.readouterr().out
+    assert words in str(bench.choose(data="haart"))
     page.write_report(store, Path("report"))
     for name in ("comparison.tex", "comparison.md", "index.html"):
-        assert words in html.unescape(Path("report", name).read_text()).replace(
-            r"\textquotesingle{}", "'"
-        ), name
+        text = html.unescape(Path("report", name).read_text())
+        assert words in text.replace(r"\textquotesingle{}", "'"), name
     for name in ("comparison", "statistics", "pairs", "streaming"):
         rows = pd.read_csv(f"report/{name}.csv").fillna("").astype(str)
-        about = (
-            rows.drop(columns=["note", "against"], errors="ignore")
-            .agg(" ".join, axis=1)
-            .str.contains("reflex")
-        )
-        assert rows["note"].str.contains(words).tolist() == about.tolist() and about.any(), name
+        others = rows.drop(columns=["note", "against"], errors="ignore")
+        compared = others.agg(" ".join, axis=1).str.contains("reflex")
+        assert rows["note"].str.contains(words).tolist() == compared.tolist(), name
     runs = [make_run("reflex", **HAART)]
-    assert (
-        printing.print_tables(runs, [(load_views()["run"], runs)]) == 0
-        and words in capsys.readouterr().out
-    )
+    assert printing.print_tables(runs, [(load_views()["run"], runs)]) == 0
+    assert words in capsys.readouterr().out
     assert words in repr(bench.compare("reflex", "svm · jung54"))
 
 
@@ -283,41 +251,32 @@ def test_one_subject_one_class_labels_only_folds_of_several_and_no_complete_run(
 
 
 def test_the_page_chooses_as_bench_choose_does_and_the_chart_marks_it(store, capsys):
-    """Costs are 4, 40 and 400 kB; the last is far more accurate, so that only a budget makes another the choice."""
-    results = []
+    """Costs are 4, 40 and 400 kB; the last is far more accurate, unless a budget rules it out."""
+    runs = []
     for i, system in enumerate(("svm", "rf", "ta2015_rf[trees=9]")):
-        arguments = f'{{"data": "synth", "protocol": "loso", "model": "{system}"}}'
-        about = {"touchbench.command": "run", "touchbench.arguments": arguments}
-        results.append(
-            make_run(
-                system, make_predictions(8, skill=0.3 + 0.25 * i, seed=i), cost=10.0**i, **about
-            )
-        )
-        keep(store, results[-1])
-    for budget, system in (
-        ({}, "ta2015_rf[trees=9]"),
-        ({"flash": 100.0, "worst_person": 0.0}, "rf"),
-    ):
-        answer = verdict(results, budget)
-        assert answer.choice.table["system"][answer.choice.chosen] == system in answer.lines[0]
-        words = [all_costs()[k].format_budget(v) for k, v in budget.items()]
-        assert answer.command == " ".join(
-            ["bench choose data=synth where=all protocol=loso", *words]
-        )
-        assert main([*answer.command.split()[1:], "why=yes"]) == 0
+        arguments = json.dumps({"data": "synth", "protocol": "loso", "model": system})
+        tags = {"touchbench.command": "run", "touchbench.arguments": arguments}
+        predictions = make_predictions(8, skill=0.3 + 0.25 * i, seed=i)
+        runs.append(make_run(system, predictions, cost=10.0**i, **tags))
+        keep(store, runs[-1])
+    budgets = {"flash": 100.0, "worst_person": 0.0}
+    for limits, system in (({}, "ta2015_rf[trees=9]"), (budgets, "rf")):
+        summary = summarise(runs, limits)
+        assert summary.choice.system == system in summary.lines[0]
+        words = [all_costs()[key].format_budget(value) for key, value in limits.items()]
+        command = " ".join(["bench choose data=synth where=all protocol=loso", *words])
+        assert summary.command == command
+        assert main([*command.split()[1:], "why=yes"]) == 0
         printed = capsys.readouterr().out
-        assert all(line in printed for line in answer.lines)
-    points = chart_points(
-        answer, {r.system: r["model_name"] for r in results}, {*load_published()["system"]}
-    ).set_index("name")
-    least = min(answer.choice.candidates.subjects.loc[answer.choice.chosen])
+        assert all(line in printed for line in summary.lines)
+    models = {r.system: r["model_name"] for r in runs}
+    points = chart_points(summary, models, {*load_published()["system"]}).set_index("name")
+    least = min(summary.choice.candidates.subjects.loc[summary.choice.chosen])
     assert points.loc[points["chosen"], "worst_person"].tolist() == pytest.approx([least])
     assert points[["chosen", "out", "kind", "flash"]].T.to_dict("list") == {
         "svm": [False, False, "other", 4.0],
         "rf": [True, False, "other", 40.0],
         "ta2015_rf[trees=9]": [False, True, "changed", 400.0],
     }
-    other = make_run("svm", make_predictions(8), corpus_digest="e" * 64)
-    assert (
-        verdict([*results, other], {}).command == ""
-    )  # its words would mean runs on another version of it, too
+    other_version = make_run("svm", make_predictions(8), corpus_digest="e" * 64)
+    assert summarise([*runs, other_version]).command == ""  # its words would mean both versions
