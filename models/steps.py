@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 
 from bench.corpora.corpus import COPY, Corpus, shared_frames, unblind
-from bench.corpora.faults import SEVERITIES, all_faults, as_readings, as_shares, seeded_generator
+from bench.corpora.faults import SEVERITIES, FAULTS, as_readings, as_shares, seeded_generator
 from bench.corpora.windows import Step
 from bench.errors import InputError, check_value, suggest_names
 
@@ -57,8 +57,8 @@ class DamagedCopies(_CopyingStep):
 
     def __post_init__(self) -> None:
         for name in self.faults:
-            if name not in all_faults():
-                hint = suggest_names(name, all_faults())
+            if name not in FAULTS:
+                hint = suggest_names(name, FAULTS)
                 names = "+".join(self.faults)
                 raise InputError(f"model.faults={names}: {name!r} is no fault; {hint}")
         is_valid = 1 <= self.copies <= MAX_COPIES
@@ -66,7 +66,7 @@ class DamagedCopies(_CopyingStep):
 
     def code_objects(self) -> list[Callable]:
         """This class, and the faults, which may come from other packages."""
-        return [DamagedCopies, *(all_faults()[name].damage for name in self.faults)]
+        return [DamagedCopies, *(FAULTS[name].damage for name in self.faults)]
 
     def copy_generator(self, capture: int, copy: int) -> np.random.Generator:
         """Random numbers of one copy of one stored capture."""
@@ -74,7 +74,7 @@ class DamagedCopies(_CopyingStep):
 
     def __call__(self, corpus: Corpus) -> Corpus:
         """Captures, each followed by its copies."""
-        faults = [all_faults()[name] for name in self.faults]
+        faults = [FAULTS[name] for name in self.faults]
         index = unblind(corpus).index
         arrays: list[np.ndarray] = []
         for i, shares in enumerate(as_shares(corpus, np.arange(len(corpus)))):

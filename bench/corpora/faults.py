@@ -1,15 +1,15 @@
 """Faults of a sensor, its readings and its place, at five severities each.
 
-A fault is a function ``(frames, amount, rng) -> frames``: float32 [frames, rows, cols] of one capture or recording as
-shares of full scale, how much of it in the fault's unit, and a random generator. One that depends on time has a fourth
-argument ``rate_hz``, frames per second. It gives shares of full scale again, on the same grid, at least one frame, and
-what it was given where the amount is 0. `fault` above a function makes it known, with its unit and the amounts that
-severities 1 to 5 stand for.
+A fault is a function ``(frames, amount, rng) -> frames``. ``frames`` are those of one capture or
+recording as shares of full scale, float32 [frames, rows, cols]; ``amount`` is in the fault's unit;
+``rng`` is a random generator. A fault that depends on time has a fourth argument ``rate_hz``. It
+returns shares of full scale on the same grid, at least one frame, and its input for an amount of 0.
+`fault` above a function registers it, with its unit and the amounts of severities 1 to 5.
 
-The generator is the same at every severity, so that what is broken at one severity is broken at all higher ones too. It
-depends on nothing but the fault and the capture, or the fault and the subject where the fault is one of the sensor:
-every subject meets a damaged sensor of their own, so that intervals over subjects hold the luck of the sensor as well.
-Every system and protocol therefore meets the very same damage, and comparisons are paired.
+The generator is the same at every severity: what is broken at one is broken at all higher ones. It
+depends on the fault and the capture alone, or on the fault and the subject for a fault of the
+sensor. So each subject has another damaged sensor, and intervals over subjects include the luck of
+the sensor. All systems and protocols get the same damage, which makes comparisons paired.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ class Fault:
         damage: the function.
         unit: text after an amount in a table, such as ``% of the taxels``.
         amounts: amounts at severities 1 to 5.
-        sensor: True for one draw per subject (a fault of the sensor), False for one draw per capture.
+        sensor: True for one draw per subject (a fault of the sensor), False for one per capture.
         shortens: True if frames are lost, so that labels of frames have no place.
-        later: True if ``all`` leaves it out on captures, so that a mean over all faults stays the same number.
+        later: True if ``all`` leaves it out on captures, so that means over all stay as they are.
     """
 
     name: str
@@ -59,28 +59,33 @@ class Fault:
         return f"{self.amounts[severity - 1]:g} {self.unit}" if severity else ""
 
     def make_generator(self, subject: str, capture: int) -> np.random.Generator:
-        """The random numbers of one subject's sensor, or of one capture (its position in the whole corpus)."""
-        whom = f"sensor of {subject}" if self.sensor else f"capture {capture}"
-        return seeded_generator(f"{self.name}, {whom}")
+        """Random generator of a subject's sensor, or of a capture by its position in the corpus."""
+        source = f"sensor of {subject}" if self.sensor else f"capture {capture}"
+        return seeded_generator(f"{self.name}, {source}")
 
     def apply(
         self, frames: np.ndarray, severity: int, subject: str, capture: int, rate_hz: float
     ) -> np.ndarray:
-        """Damage one capture [frames, rows, cols] in shares of full scale; severity 0 changes nothing."""
-        return (
-            self.apply_with(frames, severity, self.make_generator(subject, capture), rate_hz)
-            if severity
-            else frames
-        )
+        """Damage a capture.
+
+        Args:
+            frames: shares of full scale, float32 [frames, rows, cols].
+            severity: 0 to 5; 0 changes nothing.
+            subject: subject of the capture.
+            capture: position in the whole corpus.
+            rate_hz: frames per second.
+        """
+        if not severity:
+            return frames
+        return self.apply_with(frames, severity, self.make_generator(subject, capture), rate_hz)
 
     def apply_with(
         self, frames: np.ndarray, severity: int, rng: np.random.Generator, rate_hz: float
     ) -> np.ndarray:
-        """Damage frames [frames, rows, cols] in shares of full scale at a severity from 1, with random numbers."""
-        timed = (
-            {"rate_hz": rate_hz} if "rate_hz" in inspect.signature(self.damage).parameters else {}
-        )
-        return self.damage(frames, self.amounts[severity - 1], rng, **timed)
+        """Damage a capture as `apply` does, at a severity from 1, with a random generator."""
+        is_timed = "rate_hz" in inspect.signature(self.damage).parameters
+        timing = {"rate_hz": rate_hz} if is_timed else {}
+        return self.damage(frames, self.amounts[severity - 1], rng, **timing)
 
 
 FAULTS: dict[str, Fault] = {}
@@ -88,15 +93,14 @@ FAULTS: dict[str, Fault] = {}
 
 def seeded_generator(text: str) -> np.random.Generator:
     """A random generator seeded by a text."""
-    return np.random.default_rng(
-        int.from_bytes(hashlib.sha256(text.encode()).digest()[:16], "little")
-    )
+    seed = hashlib.sha256(text.encode()).digest()[:16]
+    return np.random.default_rng(int.from_bytes(seed, "little"))
 
 
 def fault(
     unit: str, *amounts: float, sensor: bool = False, shortens: bool = False, later: bool = False
 ) -> Callable[[Damage], Damage]:
-    """Register a function as a fault, by its name; arguments are those of `Fault`.
+    """Register a function as a fault by its name; arguments are attributes of `Fault`.
 
     Raises:
         ValueError: it does not have five amounts.
@@ -105,45 +109,47 @@ def fault(
         raise ValueError(f"a fault has {SEVERITIES} amounts, here are {len(amounts)}")
 
     def register(damage: Damage) -> Damage:
-        FAULTS[damage.__name__] = Fault(
-            damage.__name__, damage, unit, amounts, sensor, shortens, later
-        )
+        name = damage.__name__
+        FAULTS[name] = Fault(name, damage, unit, amounts, sensor, shortens, later)
         return damage
 
     return register
 
 
-def all_faults() -> dict[str, Fault]:
-    """All registered faults."""
-    return FAULTS
-
-
 def usual_faults() -> tuple[str, ...]:
     """Names of the faults that ``all`` stands for on captures."""
-    return tuple(name for name, one in all_faults().items() if not one.later)
+    return tuple(name for name, one in FAULTS.items() if not one.later)
 
 
 def parse_fault_names(key: str, names: Sequence[object], every: Sequence[str]) -> tuple[str, ...]:
-    """The faults of the typed names of a key, in the order in which they are known; ``all`` stands for ``every``."""
-    asked, known = [str(name) for name in names], all_faults()
-    for name in asked:
-        if name not in (*known, ALL_FAULTS):
-            raise InputError(f"{key}={name}: unknown; {suggest_names(name, known)}")
-    return tuple(name for name in known if name in asked or (ALL_FAULTS in asked and name in every))
+    """Names of faults in the order of `FAULTS`.
+
+    Args:
+        key: key with which they were typed, for messages.
+        names: typed names, or ``all``.
+        every: faults that ``all`` stands for.
+    """
+    typed = [str(name) for name in names]
+    for name in typed:
+        if name not in (*FAULTS, ALL_FAULTS):
+            raise InputError(f"{key}={name}: unknown; {suggest_names(name, FAULTS)}")
+    wanted = {*typed, *(every if ALL_FAULTS in typed else ())}
+    return tuple(name for name in FAULTS if name in wanted)
 
 
 def fault_identity(names: Sequence[str]) -> list[tuple]:
-    """Names, units and amounts of faults."""
-    return [(f.name, f.unit, f.amounts, f.sensor) for f in map(all_faults().__getitem__, names)]
+    """Names, units, amounts and draws of faults, for keys of stored results."""
+    faults = [FAULTS[name] for name in names]
+    return [(fault.name, fault.unit, fault.amounts, fault.sensor) for fault in faults]
 
 
 def as_shares(corpus: Corpus, captures: np.ndarray) -> list[np.ndarray]:
-    """Frames of some captures as shares of full scale, one float32 array [frames, rows, cols] per capture."""
+    """Frames of captures, given by position, as shares of full scale, float32."""
     return [corpus[i].astype(np.float32) / np.float32(corpus.full_scale) for i in captures]
 
 
 def as_readings(corpus: Corpus, shares: np.ndarray) -> np.ndarray:
-    """Shares of full scale, float32, as readings of the corpus's sensor: whole numbers are rounded."""
+    """Shares of full scale as readings of the corpus's sensor: rounded if those are whole."""
     frames = shares * np.float32(corpus.full_scale)
     if shared_frames(corpus)[0].dtype.kind in "iu":
         np.rint(frames, out=frames)
@@ -154,15 +160,22 @@ def as_readings(corpus: Corpus, shares: np.ndarray) -> np.ndarray:
 def damage_captures(
     corpus: Corpus, test: np.ndarray, shares: list[np.ndarray], fault: Fault, severity: int
 ) -> Corpus:
-    """A corpus in memory whose captures ``test``, given as `as_shares`, went through a fault.
+    """A corpus in memory whose test captures went through a fault.
 
-    It has no digest and no folder, so no cache takes it for the corpus. The other captures keep their places and
-    columns, but have no frames.
+    It has no digest and no folder, so no cache takes it for the corpus. The other captures keep
+    their places and columns, but have no frames.
+
+    Args:
+        corpus: the undamaged corpus.
+        test: positions of the test captures.
+        shares: their frames as of `as_shares`.
+        fault: the fault.
+        severity: 0 to 5.
     """
     subjects, rate_hz = corpus.subjects, corpus.rate_hz
     arrays = [
-        fault.apply(s, severity, subjects[i], int(corpus.index[i]), rate_hz)
-        for i, s in zip(test, shares, strict=True)
+        fault.apply(capture, severity, subjects[i], int(corpus.index[i]), rate_hz)
+        for i, capture in zip(test, shares, strict=True)
     ]
     frames = as_readings(corpus, np.concatenate(arrays))
     lengths = np.zeros_like(corpus.lengths)
@@ -180,16 +193,16 @@ def percent_rounded_up(percent: float, count: int) -> int:
 @fault("% of the taxels", 2, 5, 10, 20, 40, sensor=True)
 def dead_taxels(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
     """Taxels without contact always read 0."""
-    return _with_taxels(frames, amount, rng, 0)
+    return _set_taxels(frames, amount, rng, 0)
 
 
 @fault("% of the taxels", 1, 2, 5, 10, 20, sensor=True)
 def stuck_taxels(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
     """Short-circuited taxels always read full scale."""
-    return _with_taxels(frames, amount, rng, 1)
+    return _set_taxels(frames, amount, rng, 1)
 
 
-def _with_taxels(
+def _set_taxels(
     frames: np.ndarray, percent: float, rng: np.random.Generator, value: float
 ) -> np.ndarray:
     taxels = frames[0].size
@@ -212,20 +225,20 @@ def dead_lines(frames: np.ndarray, amount: float, rng: np.random.Generator) -> n
 
 @fault("% SD of the taxels' gains", 5, 10, 20, 40, 80, sensor=True)
 def gain_drift(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
-    """Sensitivity has drifted since training: readings are multiplied, log-normally from taxel to taxel.
+    """Sensitivity has drifted since training: each taxel has another, log-normal gain.
 
     Half of the variance is shared by all taxels (wear, temperature), half is each one's own.
     """
-    return np.clip(frames * np.exp(amount / 100 * _spread(frames, rng)), 0, 1)
+    return np.clip(frames * np.exp(amount / 100 * _draw_spread(frames, rng)), 0, 1)
 
 
 @fault("% of full scale, SD", 0.2, 0.5, 1, 2, 5, sensor=True)
 def offset_drift(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
-    """Readings of untouched taxels have drifted since training; half of the variance is shared by all taxels."""
-    return np.clip(frames + np.float32(amount / 100) * _spread(frames, rng), 0, 1)
+    """Untouched taxels' readings have drifted since training; half of the variance is shared."""
+    return np.clip(frames + np.float32(amount / 100) * _draw_spread(frames, rng), 0, 1)
 
 
-def _spread(frames: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def _draw_spread(frames: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Normal with SD 1 for each taxel [rows, cols], half of the variance common to all."""
     common = rng.standard_normal()
     return ((common + rng.standard_normal(frames.shape[1:])) / np.sqrt(2)).astype(np.float32)
@@ -246,7 +259,7 @@ def noise(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.nda
 
 @fault("bits", 8, 7, 6, 5, 4, sensor=True)
 def fewer_bits(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
-    """A coarser converter: readings go to the nearest of 2^bits values from 0 to full scale; 0 bits change nothing."""
+    """A coarser converter: readings go to the nearest of 2^bits values; 0 bits change nothing."""
     if amount == 0:
         return frames
     steps = np.float32(2**amount - 1)
@@ -255,21 +268,21 @@ def fewer_bits(frames: np.ndarray, amount: float, rng: np.random.Generator) -> n
 
 @fault("% of the frames", 5, 10, 20, 40, 60, shortens=True)
 def dropped_frames(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
-    """Frames are lost at random without notice: the capture becomes shorter. The luckiest frame always arrives."""
+    """Frames are lost at random: the capture becomes shorter. The luckiest frame always arrives."""
     luck = rng.random(len(frames))
     return frames[(luck >= amount / 100) | (luck == luck.max())]
 
 
 @fault("times slower", 2, 3, 4, 8, 16)
 def lower_rate(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
-    """The sensor is read less often and its last reading repeated: as many frames, most of them old."""
+    """The sensor is read less often and its last reading repeated: most frames are old ones."""
     factor = max(int(amount), 1)
     return frames[np.arange(len(frames)) // factor * factor]
 
 
 @fault("frames, SD", 0.5, 1, 2, 4, 8)
 def time_jitter(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
-    """Readings are taken too early or too late, in the right order; between two frames the pressure is interpolated."""
+    """Readings are taken too early or too late, in the right order, interpolated between frames."""
     moment = np.arange(len(frames)) + amount * rng.standard_normal(len(frames))
     moment = np.sort(moment.clip(0, len(frames) - 1))
     before = moment.astype(np.int64)
@@ -292,7 +305,7 @@ def early_end(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np
 
 @fault("taxels", 0.5, 1, 1.5, 2, 3, sensor=True)
 def shift(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
-    """The sensor sits elsewhere: touch is moved in a random direction; taxels beyond the edge read 0."""
+    """The sensor sits elsewhere: touch moves in a random direction; what is beyond the edge is 0."""
     direction = rng.uniform(0, 2 * np.pi)
     row, col = np.indices(frames.shape[1:])
     return _read_at(frames, row - amount * np.sin(direction), col - amount * np.cos(direction))
@@ -322,11 +335,8 @@ def _read_at(frames: np.ndarray, row: np.ndarray, col: np.ndarray) -> np.ndarray
     readings = np.zeros_like(flat)
     for r, down in ((top, 1 - (row - top)), (top + 1, row - top)):
         for c, right in ((left, 1 - (col - left)), (left + 1, col - left)):
-            weight = (
-                np.where((r >= 0) & (r < rows) & (c >= 0) & (c < cols), down * right, 0)
-                .astype(np.float32)
-                .ravel()
-            )
+            is_inside = (r >= 0) & (r < rows) & (c >= 0) & (c < cols)
+            weight = np.where(is_inside, down * right, 0).astype(np.float32).ravel()
             if weight.any():
                 taxel = (r.clip(0, rows - 1) * cols + c.clip(0, cols - 1)).ravel()
                 readings += flat[:, taxel] * weight
@@ -350,18 +360,17 @@ def cover(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.nda
     """A thick cover spreads the pressure like a Gaussian; pressure beyond the edge is lost."""
     if amount == 0:
         return frames
-    rows, cols = (_gaussian(side, amount) for side in frames.shape[1:])
+    rows, cols = (_gaussian_weights(side, amount) for side in frames.shape[1:])
     spread = np.einsum("nrc,qr->nqc", frames, rows)
     return np.minimum(np.einsum("nrc,dc->nrd", spread, cols), 1)
 
 
-def _gaussian(side: int, sd: float) -> np.ndarray:
-    """Share of the pressure on each of a row of taxels that each one reads, float32 [side, side]."""
+def _gaussian_weights(side: int, sd: float) -> np.ndarray:
+    """Shares of the pressure on a row of taxels that each of them reads, float32 [side, side]."""
     reach = np.arange(-int(10 * sd) - 1, int(10 * sd) + 2)
     apart = np.arange(side)[:, None] - np.arange(side)
-    return (np.exp(-((apart / sd) ** 2) / 2) / np.exp(-((reach / sd) ** 2) / 2).sum()).astype(
-        np.float32
-    )
+    total = np.exp(-((reach / sd) ** 2) / 2).sum()
+    return (np.exp(-((apart / sd) ** 2) / 2) / total).astype(np.float32)
 
 
 @fault("% of full scale, at 3 Hz", 0.2, 0.5, 1, 2, 5, later=True)
@@ -370,25 +379,25 @@ def vibration(
 ) -> np.ndarray:
     """All taxels swing together, as of a motor or of steps; the amount is the amplitude."""
     phase = 2 * np.pi * (VIBRATION_HZ * np.arange(len(frames)) / rate_hz + rng.random())
-    return _raised(frames, amount / 100 * np.sin(phase))
+    return _raise_frames(frames, amount / 100 * np.sin(phase))
 
 
 @fault("% of full scale an hour", 2, 10, 30, 120, 600, later=True)
 def drift(
     frames: np.ndarray, amount: float, rng: np.random.Generator, rate_hz: float
 ) -> np.ndarray:
-    """All taxels rise together, as of temperature, from the level of training at the first frame."""
-    return _raised(frames, amount / 100 * np.arange(len(frames)) / (3600 * rate_hz))
+    """All taxels rise together, as of temperature; the first frame is as in training."""
+    return _raise_frames(frames, amount / 100 * np.arange(len(frames)) / (3600 * rate_hz))
 
 
-def _raised(frames: np.ndarray, change: np.ndarray) -> np.ndarray:
-    """Frames with as much more on all taxels of each [frames]."""
+def _raise_frames(frames: np.ndarray, change: np.ndarray) -> np.ndarray:
+    """Add a number to all taxels of each frame; ``change`` is [frames]."""
     return np.clip(frames + change.astype(np.float32)[:, None, None], 0, 1)
 
 
 @fault("% of the taxels", 2, 5, 10, 20, 40, sensor=True, later=True)
 def noisy_region(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
-    """One region has bad contact: white noise, SD 2 % of full scale, on a rectangle of the shape of the grid."""
+    """One region has bad contact: noise, SD 2 % of full scale, on a rectangle shaped as the grid."""
     if amount == 0:
         return frames
     _, rows, cols = frames.shape

@@ -1,7 +1,7 @@
-"""Several corpora as one: captures of one sensor converted to another, full scale, rate and grid each by a function.
+"""Several corpora as one: captures of one sensor, converted to full scale, rate and grid of another.
 
-Nothing is learnt, and what becomes of a capture depends on that capture alone. What the other sensor cannot hold is
-lost.
+Nothing is learnt, and each converted capture depends on one original capture alone. What the other
+sensor cannot measure is lost.
 """
 
 from __future__ import annotations
@@ -17,27 +17,21 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.duplicates import describe_capture, shared_captures
 from bench.errors import InputError
 
-STUDIES = (
-    "cost",
-    "cuddlebot",
-    "haart",
-)  # formats of one study each: two corpora of a format are of the same people
+STUDIES = ("cost", "cuddlebot", "haart")  # two corpora of one of these formats are the same people
 
 
 def resampling_weights(count: int, wanted: int) -> np.ndarray:
-    """Weights to resample values along an axis, with rows that sum to 1 [wanted, count].
+    """Weights that resample values along an axis, with rows that sum to 1 [wanted, count].
 
-    Both lie evenly over the same length. Where there are to be fewer, each is the mean over its share of that length;
-    where there are to be more, each lies on the line between the two values whose middles are next to its own.
+    Both lie evenly over the same length. If there are to be fewer, each is the mean over its share
+    of that length. If there are to be more, each is interpolated between the two values whose
+    middles are next to its own.
     """
     if wanted < count:
         edges = np.arange(wanted + 1) * count / wanted
-        inside = np.clip(edges[1:, None], np.arange(count), np.arange(1, count + 1))
-        return (
-            (inside - np.clip(edges[:-1, None], np.arange(count), np.arange(1, count + 1)))
-            * wanted
-            / count
-        )
+        first, last = np.arange(count), np.arange(1, count + 1)
+        shares = np.clip(edges[1:, None], first, last) - np.clip(edges[:-1, None], first, last)
+        return shares * wanted / count
     middles = np.clip((np.arange(wanted) + 0.5) * count / wanted - 0.5, 0, count - 1)
     return np.clip(1 - np.abs(middles[:, None] - np.arange(count)), 0, 1)
 
@@ -48,70 +42,69 @@ def rescale(frames: np.ndarray, full_scale: float, wanted: float) -> np.ndarray:
 
 
 def resample(frames: np.ndarray, rate_hz: float, wanted_hz: float) -> np.ndarray:
-    """Frames [frames, rows, cols] at another rate, float32; their number is rounded, at least one stays.
+    """Frames at another rate, float32 [frames, rows, cols]; their number is rounded, at least 1.
 
-    As `resampling_weights` says, without a weight for each pair of frames, of which a long capture has too many.
+    As by `resampling_weights`, whose table would be too large for a long capture.
     """
-    n = len(frames)
-    count = max(1, round(n * wanted_hz / rate_hz))
-    if count == n:
+    count = len(frames)
+    wanted = max(1, round(count * wanted_hz / rate_hz))
+    if wanted == count:
         return frames.astype(np.float32)
     values = frames.astype(np.float64)
-    if count > n:
-        middles = np.clip((np.arange(count) + 0.5) * n / count - 0.5, 0, n - 1)
+    if wanted > count:
+        middles = np.clip((np.arange(wanted) + 0.5) * count / wanted - 0.5, 0, count - 1)
         low = middles.astype(int)
-        part = (middles - low)[:, None, None]
-        return (values[low] * (1 - part) + values[np.minimum(low + 1, n - 1)] * part).astype(
-            np.float32
-        )
-    edges = np.arange(count + 1) * n / count
-    full = np.minimum(edges.astype(int), n - 1)
-    until = np.concatenate([np.zeros_like(values[:1]), np.cumsum(values, axis=0)])
-    sums = until[full] + (edges - full)[:, None, None] * values[full]
-    return (np.diff(sums, axis=0) * count / n).astype(np.float32)
+        high, share = np.minimum(low + 1, count - 1), (middles - low)[:, None, None]
+        return (values[low] * (1 - share) + values[high] * share).astype(np.float32)
+    edges = np.arange(wanted + 1) * count / wanted
+    last = np.minimum(edges.astype(int), count - 1)  # frame in which an edge lies
+    before = np.concatenate([np.zeros_like(values[:1]), np.cumsum(values, axis=0)])
+    sums = before[last] + (edges - last)[:, None, None] * values[last]
+    return (np.diff(sums, axis=0) * wanted / count).astype(np.float32)
 
 
 def regrid(frames: np.ndarray, rows: int, cols: int) -> np.ndarray:
-    """Frames [frames, rows, cols] on another grid over the same area, float32."""
+    """Frames on another grid over the same area, float32 [frames, rows, cols]."""
     if frames.shape[1:] == (rows, cols):
         return frames.astype(np.float32)
-    down, across = (
-        resampling_weights(n, w).astype(np.float32)
-        for n, w in zip(frames.shape[1:], (rows, cols), strict=True)
-    )
+    down = resampling_weights(frames.shape[1], rows).astype(np.float32)
+    across = resampling_weights(frames.shape[2], cols).astype(np.float32)
     return down @ frames.astype(np.float32) @ across.T
 
 
 def convert_captures(
     corpus: Corpus, rate_hz: float, grid: tuple[int, int], full_scale: float
 ) -> list[np.ndarray]:
-    """Captures of a corpus converted to the rate, grid and full scale of another sensor, float32."""
+    """Captures at the rate, grid and full scale of another sensor, float32."""
     shares = (rescale(frames, corpus.full_scale, full_scale) for frames in corpus)
     return [regrid(resample(values, corpus.rate_hz, rate_hz), *grid) for values in shares]
 
 
-def refuse_same_recordings(target: Corpus, source: Corpus, what: str) -> None:
-    """Refuse two corpora with the same captures or people; ``what`` is the key that names them, for the error."""
+def refuse_same_recordings(target: Corpus, source: Corpus, key: str) -> None:
+    """Refuse two corpora with the same captures or people; messages begin with the ``key``."""
     if pairs := shared_captures(target, source):
         first, same = pairs[0]
         raise InputError(
-            f"{what}: {target.name} and {source.name} have the same captures: {len(pairs)}, such as "
-            f"{describe_capture(target, first)} and {describe_capture(source, same)}; name another corpus"
+            f"{key}: {target.name} and {source.name} have the same captures: {len(pairs)}, such as "
+            f"{describe_capture(target, first)} and {describe_capture(source, same)}; "
+            "name another corpus"
         )
-    for one, other in product(_origins(target), _origins(source)):
-        study = one["format"] == other["format"] and one["format"] in STUDIES
-        if study or {*one["digests"]} & {*other["digests"]}:
+    for one, other in product(_list_origins(target), _list_origins(source)):
+        is_same_study = one["format"] == other["format"] and one["format"] in STUDIES
+        if is_same_study or {*one["digests"]} & {*other["digests"]}:
             raise InputError(
-                f"{what}: {one['name']} and {other['name']} are imports of the same recordings; name another corpus"
+                f"{key}: {one['name']} and {other['name']} are imports of the same recordings; "
+                "name another corpus"
             )
     if target.synthetic and target.info.get("source") == source.info.get("source"):
         raise InputError(
-            f"{what}: generated captures of one seed are of the same people; give another seed, such as seed=1"
+            f"{key}: generated captures of one seed are of the same people; "
+            "give another seed, such as seed=1"
         )
 
 
-def _origins(corpus: Corpus) -> list[dict[str, Any]]:
-    """Format, name and digests (as stored, and before changes at import) of the corpora that captures come from."""
+def _list_origins(corpus: Corpus) -> list[dict[str, Any]]:
+    """Format, name and digests (stored, and before changes at import) of a corpus's parts."""
     if parts := corpus.info.get("parts"):
         return parts
     kind = "" if corpus.synthetic else str(corpus.info.get("format", ""))
@@ -120,43 +113,38 @@ def _origins(corpus: Corpus) -> list[dict[str, Any]]:
 
 
 def join_corpora(corpora: Sequence[Corpus]) -> Corpus:
-    """Captures of several corpora as one corpus in memory, of the classes that all have.
+    """Captures of several corpora as one corpus in memory, with the classes that all have.
 
-    All are brought to the lowest of their rates and, each way, to the fewest of their taxels; the full scale is that of
-    the first. The column ``corpus`` says where a capture comes from. Subjects are named
-    after their corpus: ``haart 1``. Conditions that only some corpora have are left out, and so is ``split``.
+    All get the lowest of their rates, the fewest of their rows and columns, and the full scale of
+    the first. The column ``corpus`` says where a capture comes from; subjects are named after
+    their corpus: ``haart 1``. Conditions that some corpora lack are left out, and so is ``split``.
+
+    Raises:
+        InputError: two corpora have the same recordings, or fewer than two classes are in all.
     """
     name = "+".join(corpus.name for corpus in corpora)
     for one, other in combinations(corpora, 2):
         refuse_same_recordings(one, other, f"data={name}")
     classes = sorted(set.intersection(*(set(corpus.gestures) for corpus in corpora)))
     if len(classes) < 2:
-        those = "; ".join(f"{corpus.name}: {class_names(corpus)}" for corpus in corpora)
+        lists = "; ".join(f"{corpus.name}: {class_names(corpus)}" for corpus in corpora)
         raise InputError(
-            f"data={name}: {len(classes)} classes are in all of them; two are needed ({those})"
+            f"data={name}: {len(classes)} classes are in all of them; two are needed ({lists})"
         )
-    parts = [corpus[np.flatnonzero(np.isin(corpus.gestures, classes))] for corpus in corpora]
-    columns = [
-        c for c in parts[0].captures if c != "split" and all(c in part.captures for part in parts)
-    ]
-    tables = [
-        part.captures[columns].assign(
-            subject=part.name + " " + part.captures["subject"].astype(str), corpus=part.name
-        )
-        for part in parts
-    ]
+    parts = [corpus[np.isin(corpus.gestures, classes)] for corpus in corpora]
+    tables = []
+    for part in parts:
+        subjects = part.name + " " + part.captures["subject"].astype(str)
+        tables.append(part.captures.assign(subject=subjects, corpus=part.name))
+    captures = pd.concat(tables, join="inner").drop(columns="split", errors="ignore").astype(str)
     frames, fields = convert_to_common(parts)
-    info = joint_info(parts) | {
-        "format": "joined",
-        "parts": [origin for part in parts for origin in _origins(part)],
-    }
-    return Corpus.from_captures(
-        frames, pd.concat(tables).astype("str"), name=name, info=info, **fields
-    )
+    origins = [origin for part in parts for origin in _list_origins(part)]
+    info = joint_info(parts) | {"format": "joined", "parts": origins}
+    return Corpus.from_captures(frames, captures, name=name, info=info, **fields)
 
 
 def convert_to_common(parts: Sequence[Corpus]) -> tuple[list[np.ndarray], dict[str, float]]:
-    """Captures brought to what all sensors can give, and their rate and full scale."""
+    """Captures converted to what all sensors can measure, and their rate and full scale."""
     rate_hz, full_scale = min(part.rate_hz for part in parts), parts[0].full_scale
     grid = min(part.grid[0] for part in parts), min(part.grid[1] for part in parts)
     frames = [f for part in parts for f in convert_captures(part, rate_hz, grid, full_scale)]
@@ -164,16 +152,17 @@ def convert_to_common(parts: Sequence[Corpus]) -> tuple[list[np.ndarray], dict[s
 
 
 def joint_info(parts: Sequence[Corpus]) -> dict[str, object]:
-    """Origin, licences and warnings of several corpora; a warning of the first one does not name it."""
+    """The ``info`` of several corpora; a warning of the first one does not name it."""
     names = " and ".join(part.name for part in parts)
     synthetic = any(part.synthetic for part in parts)
-    first, *others = parts
-    twice = f"whether a person is in more than one of {names} is unknown; each counts as another"
-    warnings = [] if synthetic else [twice]
-    warnings += first.info.get("warnings", [])
-    warnings += [
-        f"{part.name}: {text}" for part in others for text in part.info.get("warnings", [])
-    ]
+    warnings = []
+    if not synthetic:
+        warnings.append(
+            f"whether a person is in more than one of {names} is unknown; each counts as another"
+        )
+    for part in parts:
+        prefix = "" if part is parts[0] else f"{part.name}: "
+        warnings += [f"{prefix}{text}" for text in part.info.get("warnings", [])]
     return {
         "source": f"{names}, brought to one rate and grid",
         "licence": "; ".join(dict.fromkeys(str(part.info.get("licence", "")) for part in parts)),
@@ -183,5 +172,5 @@ def joint_info(parts: Sequence[Corpus]) -> dict[str, object]:
 
 
 def class_names(corpus: Corpus) -> str:
-    """Its class names, sorted."""
+    """Class names of a corpus, sorted."""
     return ", ".join(sorted(set(corpus.gestures)))

@@ -1,14 +1,15 @@
-"""Generated touch: the embedded corpus, plausible enough to develop and test on, and never a result about people.
+"""Generated touch, plausible enough to develop and test on, and never a result about people.
 
-Every gesture is one point in a common space of movements: how long, how large and how hard the contact is, whether the
-hand lifts between beats, travels, circles or jitters. Subjects have habits of their own, and pairs of gestures that
-people confuse (grab and squeeze, pat and tap, ...) shade into each other. Durations, contact areas and the order of
-pressures follow Jung et al. 2017, Tables 3 and 4.
+Every gesture is a point in a common space of movements: how long, large and hard the contact is,
+whether the hand lifts between beats, travels, circles or jitters. Each subject has habits, and
+pairs of gestures that people confuse (grab and squeeze, pat and tap, ...) shade into each other.
+Durations, contact areas and the order of pressures follow Jung et al. 2017, Tables 3 and 4.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from itertools import product
 
 import numpy as np
 import pandas as pd
@@ -28,11 +29,11 @@ RAW_PER_GCM2 = 0.36  # sensor value per g/cm2 of the tables, whose scale was cal
 
 @dataclass(frozen=True)
 class Movement:
-    """A gesture as the average person does it; lengths in mm, times in s, forces in g/cm2, the rest shares of 1."""
+    """A gesture as the average person does it: mm, s, g/cm2, and shares of 1."""
 
     duration: float
     duration_sd: float
-    area: float  # share of the pad that the patches cover, so chosen that contact area comes out as published
+    area: float  # share of the pad that the patches cover, fitted to the published contact area
     area_sd: float
     pressure: float  # at the peak
     patches: float  # fingertips or parts of the palm in contact
@@ -63,21 +64,14 @@ GESTURES = {
     "tap": Movement(0.564, 0.486, 0.12, 0.07, 1055, 1.4, 20, 0.2, 0.9, 0, 3.8, 2, 0, 0, 3),
     "tickle": Movement(2.491, 1.446, 0.25, 0.09, 911, 4, 25, 0, 0.4, 0.5, 4.0, 18, 0, 0.1, 14),
 }
-LOOKALIKES = (
-    "grab:squeeze squeeze:grab pat:tap tap:pat rub:stroke stroke:rub scratch:tickle tickle:scratch hit:slap slap:hit "
-    "poke:tap press:pinch pinch:poke massage:rub"
-)
-LOOKALIKE = {one: other for one, _, other in (pair.partition(":") for pair in LOOKALIKES.split())}
+LOOKALIKES = """
+grab:squeeze squeeze:grab pat:tap tap:pat rub:stroke stroke:rub scratch:tickle tickle:scratch
+hit:slap slap:hit poke:tap press:pinch pinch:poke massage:rub
+"""
+LOOKALIKE = dict(pair.split(":") for pair in LOOKALIKES.split())
 # Durations and contact areas are known for each gesture, so a lookalike lends everything but these.
 PUBLISHED = ("duration", "duration_sd", "area", "area_sd", "pressure")
-LEAST = {
-    "subjects": 1,
-    "repetitions": 1,
-    "rows": 1,
-    "cols": 1,
-    "seed": 0,
-    "noise": 0,
-}  # others are above 0
+LEAST = {"subjects": 1, "repetitions": 1, "rows": 1, "cols": 1, "seed": 0, "noise": 0}  # else > 0
 VARIANT_FORCE = {"gentle": 0.72, "normal": 1.0, "rough": 1.55}
 VARIANT_AREA = {"gentle": 0.97, "normal": 1.0, "rough": 1.15}
 VARIANT_DURATION = {"gentle": 0.98, "normal": 0.97, "rough": 1.05}
@@ -96,8 +90,8 @@ def generate(
 ) -> Corpus:
     """Generate captures of the 14 gestures of CoST.
 
-    The same arguments give the same bytes, and more subjects leave the earlier ones as they were. 31 subjects, three
-    variants and 6 repetitions are 7812 captures, CoST before seven were removed.
+    The same arguments give the same bytes, and more subjects leave the earlier ones as they were.
+    31 subjects, three variants and 6 repetitions are 7812 captures, CoST before seven were removed.
 
     Args:
         subjects: number of subjects.
@@ -114,47 +108,37 @@ def generate(
         uint16 frames 0..1023; subject, variant, gesture, repetition.
 
     Raises:
-        InputError: a count below 1, a seed below 0, an unknown variant, a rate or gain that is not above 0, a noise
-            below 0, or more captures than there is memory for.
+        InputError: a count below 1, a seed or noise below 0, a rate or gain that is not above 0, an
+            unknown variant, or more captures than there is memory for.
     """
-    counts = {
-        "subjects": subjects,
-        "repetitions": repetitions,
-        "rows": rows,
-        "cols": cols,
-        "seed": seed,
-    }
-    check_parameters(variants, **counts, rate_hz=rate_hz, gain=gain, noise=noise)
-    count = float(subjects) * repetitions * len(variants) * len(GESTURES)
-    seconds = count / len(GESTURES) * sum(way.duration for way in GESTURES.values())
-    taxels = float(rows) * cols
-    longest = max(1.0, LONGEST_S * rate_hz) * taxels * BYTES_PER_VALUE
-    frames = (
-        max(count, seconds * rate_hz) * taxels * 2 * np.dtype(np.uint16).itemsize
-    )  # apart, and put together
-    check_memory(
-        f"data.subjects={subjects} data.repetitions={repetitions} data.rows={rows} data.cols={cols} "
-        f"data.rate_hz={rate_hz:g}",
-        longest + frames + count * BYTES_PER_CAPTURE,
+    counts = {"subjects": subjects, "repetitions": repetitions, "rows": rows, "cols": cols}
+    check_parameters(variants, **counts, seed=seed, rate_hz=rate_hz, gain=gain, noise=noise)
+    _check_memory_for(
+        float(subjects) * repetitions * len(variants) * len(GESTURES), counts, rate_hz
     )
     arrays, labels = [], []
     for subject in range(1, subjects + 1):
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(subject,)))
         habits = Habits(rng, rows, cols)
-        for variant in variants:
-            for gesture in GESTURES:
-                for repetition in range(1, repetitions + 1):
-                    arrays.append(
-                        generate_capture(
-                            rng, habits, gesture, variant, (rows, cols), rate_hz, gain, noise
-                        )
-                    )
-                    labels.append((str(subject), variant, gesture, repetition))
+        for names in product(variants, GESTURES, range(1, repetitions + 1)):
+            variant, gesture, _ = names
+            pressure = generate_pressure(rng, habits, gesture, variant, (rows, cols), rate_hz)
+            arrays.append(simulate_sensor(rng, gain * pressure, habits.offset, rate_hz, noise))
+            labels.append((str(subject), *names))
     captures = pd.DataFrame(labels, columns=["subject", "variant", "gesture", "repetition"])
-    info = synthetic_info(seed)
-    return Corpus.from_captures(
-        arrays, captures, float(rate_hz), full_scale=float(FULL_SCALE), name="synth", info=info
-    )
+    fields = {"full_scale": float(FULL_SCALE), "name": "synth", "info": synthetic_info(seed)}
+    return Corpus.from_captures(arrays, captures, float(rate_hz), **fields)
+
+
+def _check_memory_for(captures: float, counts: dict[str, int], rate_hz: float) -> None:
+    """Refuse more captures than there is memory for."""
+    seconds = captures * np.mean([movement.duration for movement in GESTURES.values()])
+    taxels = float(counts["rows"]) * counts["cols"]
+    longest = max(1.0, LONGEST_S * rate_hz) * taxels * BYTES_PER_VALUE
+    frames = max(captures, seconds * rate_hz) * taxels * np.dtype(np.uint16).itemsize
+    keys = " ".join(f"data.{name}={count}" for name, count in counts.items())
+    needed = longest + 2 * frames + captures * BYTES_PER_CAPTURE  # frames apart, and put together
+    check_memory(f"{keys} data.rate_hz={rate_hz:g}", needed)
 
 
 def synthetic_info(seed: int) -> dict[str, object]:
@@ -177,42 +161,27 @@ def check_parameters(variants: tuple[str, ...], **numbers: float) -> None:
 class Habits:
     """Personal traits of a subject's touch; factors are log-normal around 1.
 
-    ``style`` is how far a gesture leans to its lookalike, the other tables hold a factor for each gesture.
+    ``style`` is how far a gesture leans to its lookalike; the other tables have a factor for each
+    gesture.
     """
 
     def __init__(self, rng: np.random.Generator, rows: int, cols: int) -> None:
         names = list(GESTURES)
 
-        def factors(spread: float, common: float) -> dict[str, float]:
+        def draw_factors(spread: float, common: float) -> dict[str, float]:
             shared = rng.normal(0, common)
             return dict(zip(names, np.exp(rng.normal(0, spread, len(names)) + shared), strict=True))
 
-        self.force = factors(0.15, 0.25)
-        self.area = factors(0.10, 0.10)
-        self.tempo = factors(0.15, 0.18)
-        self.pace = factors(0.22, 0.22)
-        self.reach = factors(0.15, 0.15)
+        self.force = draw_factors(0.15, 0.25)
+        self.area = draw_factors(0.10, 0.10)
+        self.tempo = draw_factors(0.15, 0.18)
+        self.pace = draw_factors(0.22, 0.22)
+        self.reach = draw_factors(0.15, 0.15)
         self.style = dict(zip(names, np.abs(rng.normal(0, 0.20, len(names))), strict=True))
         self.centre = rng.normal(0, 14, 2)  # mm from the middle of the pad
         self.heading = rng.normal(0, 0.5)  # radians; along the arm
-        self.offset = rng.gamma(3, 8, (rows, cols)).astype(
-            np.float32
-        )  # sensor value of an untouched taxel
-
-
-def generate_capture(
-    rng: np.random.Generator,
-    habits: Habits,
-    gesture: str,
-    variant: str,
-    grid: tuple[int, int],
-    rate_hz: float,
-    gain: float,
-    noise: float,
-) -> np.ndarray:
-    """One capture, uint16 [frames, rows, cols]."""
-    pressure = generate_pressure(rng, habits, gesture, variant, grid, rate_hz)
-    return simulate_sensor(rng, gain * pressure, habits.offset, rate_hz, noise)
+        # Sensor value of an untouched taxel.
+        self.offset = rng.gamma(3, 8, (rows, cols)).astype(np.float32)
 
 
 def generate_pressure(
@@ -223,51 +192,49 @@ def generate_pressure(
     grid: tuple[int, int],
     rate_hz: float,
 ) -> np.ndarray:
-    """Pressure of one gesture in sensor values, before the sensor saturates, float64 [frames, rows, cols]."""
-    usual = GESTURES[gesture]
+    """Pressure of a gesture in sensor values without saturation, float64 [frames, rows, cols]."""
+    movement = GESTURES[gesture]
     lean = float(np.clip(habits.style[gesture] + rng.normal(0, 0.12), 0, 1))
-    way = _blend(usual, GESTURES[LOOKALIKE[gesture]], lean)
-    seconds = _duration(rng, usual, habits.pace[gesture]) * VARIANT_DURATION[variant]
+    way = _blend(movement, GESTURES[LOOKALIKE[gesture]], lean)
+    seconds = _draw_duration(rng, movement, habits.pace[gesture]) * VARIANT_DURATION[variant]
     seconds = float(np.clip(seconds, SHORTEST_S, LONGEST_S))
     time = np.arange(max(1, round(seconds * rate_hz))) / rate_hz
     beat = way.tempo * habits.tempo[gesture] * np.exp(rng.normal(0, 0.15)) * time
-    area = usual.area * habits.area[gesture] * VARIANT_AREA[variant]
-    area = float(np.clip(area + rng.normal(0, 0.7 * usual.area_sd), 0.025, 0.95))
-    peak = (
-        RAW_PER_GCM2
-        * usual.pressure
-        * habits.force[gesture]
-        * VARIANT_FORCE[variant]
-        * np.exp(rng.normal(0, 0.25))
-    )
+    area = movement.area * habits.area[gesture] * VARIANT_AREA[variant]
+    area = float(np.clip(area + rng.normal(0, 0.7 * movement.area_sd), 0.025, 0.95))
+    peak = RAW_PER_GCM2 * movement.pressure * habits.force[gesture] * VARIANT_FORCE[variant]
+    peak *= np.exp(rng.normal(0, 0.25))
     count = max(1, int(way.patches + rng.random()))
-    force = peak * _envelope(seconds, time)[:, None] * _beats(rng, way, beat, count)
-    path = _path(rng, way, habits, habits.reach[gesture], beat, time / seconds, count)
-    return _imprint(force, path, area, way, *grid)
+    force = peak * _contact_envelope(seconds, time)[:, None]
+    force = force * _beat_shares(rng, way, beat, count)
+    path = _patch_centres(rng, way, habits, habits.reach[gesture], beat, time / seconds, count)
+    return _taxel_pressure(force, path, area, way, *grid)
 
 
-def _blend(usual: Movement, other: Movement, lean: float) -> Movement:
-    def mixed(name: str) -> float:
-        a, b = getattr(usual, name), getattr(other, name)
-        return a if name in PUBLISHED else a + lean * (b - a)
+def _blend(movement: Movement, other: Movement, lean: float) -> Movement:
+    """A movement that leans to another one, from 0 to 1, in all that is not published."""
+    names = [field.name for field in fields(Movement) if field.name not in PUBLISHED]
+    own = {name: getattr(movement, name) for name in names}
+    blend = {name: a + lean * (getattr(other, name) - a) for name, a in own.items()}
+    return replace(movement, **blend)
 
-    return Movement(**{f.name: mixed(f.name) for f in fields(Movement)})
 
-
-def _duration(rng: np.random.Generator, way: Movement, pace: float) -> float:
-    """Log-normal with the published mean and SD; the subject's pace is part of that spread, not on top of it."""
+def _draw_duration(rng: np.random.Generator, way: Movement, pace: float) -> float:
+    """Seconds, log-normal with the published mean and SD, which include the subject's pace."""
     variance = np.log1p((way.duration_sd / way.duration) ** 2)
     rest = max(variance - 2 * 0.22**2, 0.02)
     return float(np.exp(np.log(way.duration) - variance / 2 + rng.normal(0, np.sqrt(rest))) * pace)
 
 
-def _envelope(seconds: float, time: np.ndarray) -> np.ndarray:
+def _contact_envelope(seconds: float, time: np.ndarray) -> np.ndarray:
     """The hand arrives and leaves, each within 0.15 s or a fifth of the capture."""
     ramp = min(0.15, seconds / 5)
     return np.clip(np.minimum(time + ramp / 4, seconds - time) / ramp, 0, 1)
 
 
-def _beats(rng: np.random.Generator, way: Movement, beat: np.ndarray, count: int) -> np.ndarray:
+def _beat_shares(
+    rng: np.random.Generator, way: Movement, beat: np.ndarray, count: int
+) -> np.ndarray:
     """Share of the peak force of each patch over time [frames, patches]."""
     phase = beat[:, None] + (rng.normal(0, 0.25, count) * way.jitter / 8)[None]
     swing = 1 - way.pulse * (0.5 + 0.5 * np.cos(2 * np.pi * phase))
@@ -277,7 +244,7 @@ def _beats(rng: np.random.Generator, way: Movement, beat: np.ndarray, count: int
     return ((1 - way.lift) * swing + way.lift * struck) * weight / weight.max()
 
 
-def _path(
+def _patch_centres(
     rng: np.random.Generator,
     way: Movement,
     habits: Habits,
@@ -294,26 +261,23 @@ def _path(
     to_and_fro = 0.5 * np.sin(turn)
     travel = way.one_way * (progress - 0.5) * rng.choice([-1, 1]) + (1 - way.one_way) * to_and_fro
     sweep = way.sweep * reach
-    hand = (travel * sweep)[:, None] * along + (0.5 * way.circle * sweep * np.cos(turn))[
-        :, None
-    ] * across
+    circle = 0.5 * way.circle * sweep * np.cos(turn)
+    hand = (travel * sweep)[:, None] * along + circle[:, None] * across
     fingers = (np.arange(count) - (count - 1) / 2)[:, None] * way.spacing * across
-    wander = np.sin(
-        2
-        * np.pi
-        * (beat[:, None, None] * rng.uniform(0.5, 1.2, (count, 2)) + rng.random((count, 2)))
-    )
+    tempo, phase = rng.uniform(0.5, 1.2, (count, 2)), rng.random((count, 2))
+    wander = np.sin(2 * np.pi * (beat[:, None, None] * tempo + phase))
     centre = habits.centre + rng.normal(0, 12, 2)
     return centre + hand[:, None] + fingers + way.jitter * wander
 
 
-def _imprint(
+def _taxel_pressure(
     force: np.ndarray, path: np.ndarray, area: float, way: Movement, rows: int, cols: int
 ) -> np.ndarray:
-    """Pressure on each taxel [frames, rows, cols]; the patches cover ``area`` of the pad above half their peak.
+    """Pressure on each taxel [frames, rows, cols].
 
-    A patch is exp(-(|x/s|^p + |y/s|^p) / 2), a bell for p = 2 and a plateau for p = 4; both cover about 4.35 s^2 above
-    half of the peak. What would lie beyond the pad is made up for, as a hand that wraps the arm does.
+    The patches cover ``area`` of the pad above half of their peak. A patch is
+    exp(-(|x/s|^p + |y/s|^p) / 2), a bell for p = 2 and a plateau for p = 4; both cover about
+    4.35 s^2 above half of the peak. Centres stay so far inside that patches lie on the pad.
     """
     patches = force.shape[1]
     size = max(np.sqrt(area * PAD_MM**2 / patches / 4.35), 0.6 * PAD_MM / max(rows, cols))
@@ -332,15 +296,19 @@ def _imprint(
 def simulate_sensor(
     rng: np.random.Generator, pressure: np.ndarray, offset: np.ndarray, rate_hz: float, noise: float
 ) -> np.ndarray:
-    """What the fabric sensor reports, uint16 [frames, rows, cols]: creep after load, saturation, offset, noise, bits.
+    """Readings of a fabric sensor, which creeps under load, saturates and rounds, uint16.
 
-    The offset is the reading of an untouched taxel [rows, cols] or [frames, rows, cols], the noise its SD.
+    Args:
+        rng: random generator of the noise.
+        pressure: pressure on the taxels [frames, rows, cols].
+        offset: reading of an untouched taxel [rows, cols] or [frames, rows, cols].
+        rate_hz: frames per second.
+        noise: SD of a reading.
     """
     pressure = pressure.astype(np.float32)
     decay = np.exp(-1 / (0.25 * rate_hz))
-    slow = lfilter(
-        np.array([1 - decay], np.float32), np.array([1, -decay], np.float32), pressure, axis=0
-    )
+    numerator, denominator = np.float32([1 - decay]), np.float32([1, -decay])
+    slow = lfilter(numerator, denominator, pressure, axis=0)
     load = 0.8 * pressure + 0.2 * slow
     value = 1000 * np.tanh(load / 1000) + offset
     value += rng.standard_normal(value.shape, dtype=np.float32) * noise

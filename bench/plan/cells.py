@@ -239,9 +239,9 @@ class Cell:
         """What its results depend on besides the captures: parts, parameters, code, versions."""
         faults = []
         if trained := contract.trained_faults(self.untrained_system):
-            from bench.corpora.faults import all_faults
+            from bench.corpora.faults import FAULTS
 
-            faults = [all_faults()[name] for name in trained]
+            faults = [FAULTS[name] for name in trained]
         code: list[Code] = ["bench.running.evaluation", *(fault.damage for fault in faults)]
         code += ["bench.models.search.tuning"] if self.tuning else []
         for each in (*self.parts, *self.measurements):

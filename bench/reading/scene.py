@@ -223,11 +223,11 @@ def _read_faults(lines: Mapping[str, object]) -> tuple[tuple[str, ...], int]:
     """The names and the severity of a section ``[faults]``; no names without one."""
     if not lines:
         return (), SEVERITIES
-    from bench.corpora.faults import all_faults  # loads SciPy
+    from bench.corpora.faults import FAULTS  # loads SciPy
 
     names = lines.get("names", [*FAULT_NAMES])
     names = _read_names("[faults] names", names, "faults", '["dead_taxels"]')
-    check_known("[faults] names", "fault", names, all_faults())
+    check_known("[faults] names", "fault", names, FAULTS)
     severity = lines.get("severity", SEVERITIES)
     if type(severity) is not int or not 1 <= severity <= SEVERITIES:
         raise InputError(

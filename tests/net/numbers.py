@@ -12,6 +12,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -25,7 +26,8 @@ from bench import contract
 from bench.corpora import faults
 from bench.corpora.corpus import Corpus
 from bench.ground import registry
-from bench.reading.runs import every_result
+from bench.models.recipe import build_recipe
+from bench.reading.runs import load_results
 from bench.store.client import connect
 
 FOLDER = Path(__file__).parent / "numbers"
@@ -65,30 +67,50 @@ NOT_STORED = (
 )  # parts of the names of columns that depend on time
 
 
-def touches() -> Corpus:
+def touches(seed: int = 0) -> Corpus:
     """Twelve generated captures of three people, of 7 to 64 frames."""
     parameters = {name.removeprefix("data__"): value for name, value in CAPTURES.items()}
-    return bench.corpus("synth", where=TOUCHES, **parameters)
+    return bench.corpus("synth", where=TOUCHES, seed=seed, **parameters)
+
+
+def split_touches() -> tuple[Corpus, np.ndarray, np.ndarray]:
+    """The captures, and the positions of those of all people but one, and of this one."""
+    corpus = touches()
+    is_tested = corpus.subjects == corpus.subjects[0]
+    return corpus, np.flatnonzero(~is_tested), np.flatnonzero(is_tested)
+
+
+def make_system(name: str, **options: object) -> contract.System:
+    """Make a system with little to learn, on jung28 if it takes a feature set."""
+    factory = registry.load_part("models", name)
+    options = {**QUICK.get(name, {}), **options}
+    if "epochs" in registry.parameter_defaults(factory):
+        options = {"epochs": 1, **options}
+    features = registry.load_part("features", "jung28")()
+    return build_recipe(
+        factory, features if registry.required_parameters(factory) else None, **options
+    )
+
+
+@cache
+def fit_system(name: str) -> contract.System:
+    """Fit a system to all people but one, once for all tests of the process."""
+    corpus, train, _ = split_touches()
+    return make_system(name).fit(corpus[train], corpus.gestures[train])
 
 
 def probabilities(name: str) -> pd.DataFrame:
     """Probabilities of each capture of one person by a system that is fitted on the others."""
-    factory, corpus = registry.load("models", name), touches()
-    options = QUICK.get(name, {})
-    if "epochs" in registry.parameters(factory):
-        options = {"epochs": 1, **options}
-    features = registry.load("features", "jung28")() if registry.required(factory) else None
-    tested = corpus.subjects == corpus.subjects[0]
-    train, test = np.flatnonzero(~tested), np.flatnonzero(tested)
-    system = contract.build(factory, features, **options).fit(corpus[train], corpus.gestures[train])
-    found = contract.probabilities(system, corpus[test])
-    return pd.DataFrame(found.astype(float), columns=list(system.classes_)).assign(capture=test)
+    corpus, _, test = split_touches()
+    system = fit_system(name)
+    proba = contract.predict_probabilities(system, corpus[test])
+    return pd.DataFrame(proba.astype(float), columns=list(system.classes_)).assign(capture=test)
 
 
 def columns(name: str) -> pd.DataFrame:
     """Mean and digest of each feature over all captures."""
     corpus = touches()
-    table = registry.load("features", name)().fit_transform(corpus, corpus.gestures)
+    table = registry.load_part("features", name)().fit_transform(corpus, corpus.gestures)
     rows = [
         (column, float(values.mean()), digest(values.to_numpy(float)))
         for column, values in table.items()
@@ -98,10 +120,10 @@ def columns(name: str) -> pd.DataFrame:
 
 def damaged(name: str) -> pd.DataFrame:
     """Mean and digest of the frames of all captures at each severity of a fault."""
-    corpus, fault, rows = touches(), faults.all_faults()[name], []
+    corpus, fault, rows = touches(), faults.FAULTS[name], []
     everything = np.arange(len(corpus))
     for severity in range(1, 6):
-        frames = faults.damaged(
+        frames = faults.damage_captures(
             corpus, everything, faults.as_shares(corpus, everything), fault, severity
         ).frames
         rows.append((severity, len(frames), float(frames.mean()), digest(frames)))
@@ -121,7 +143,7 @@ RUNS: dict[str, Callable[[], pd.DataFrame]] = {
 def tables(name: str) -> pd.DataFrame:
     """Digest of each column of each stored table of a run, with the mean of a column of numbers."""
     RUNS[name]()
-    (run,), rows = every_result(connect()), []
+    (run,), rows = load_results(connect()), []
     for title in sorted({*run.tables} - {"folds"}):  # their times
         for column, values in sorted(run.tables[title].items()):
             if any(part in str(column) for part in NOT_STORED):
@@ -151,8 +173,11 @@ GROUPS: dict[str, Callable[[str], pd.DataFrame]] = {
 
 def cases() -> list[tuple[str, str]]:
     """Groups and names of all that has numbers."""
-    names = {"models": registry.names("models"), "features": registry.names("features")}
-    names |= {"faults": faults.all_faults(), "runs": RUNS}
+    names = {
+        "models": registry.registered_parts("models"),
+        "features": registry.registered_parts("features"),
+    }
+    names |= {"faults": faults.FAULTS, "runs": RUNS}
     return [(group, name) for group in GROUPS for name in names[group]]
 
 

@@ -1,4 +1,4 @@
-"""What a system may use: in prediction frames and grid of its captures alone, in training no other capture."""
+"""Systems see frames and grid alone in prediction, and in training no test capture."""
 
 import pickle
 from dataclasses import replace
@@ -9,7 +9,7 @@ import pytest
 from sklearn.pipeline import Pipeline
 
 from bench import contract
-from bench.corpora.faults import all_faults
+from bench.corpora.faults import FAULTS
 from bench.corpora.folder import open_folder, write_folder
 from bench.corpora.windows import Windows
 from bench.errors import HiddenError, InputError, PredictionError
@@ -110,7 +110,7 @@ def test_what_is_made_of_a_blind_corpus_is_blind(stored):
         Windows(0.05),
         Repair(("stuck",)),
         Scale("log"),
-        DamagedCopies((next(iter(all_faults())),), 1),
+        DamagedCopies((next(iter(FAULTS)),), 1),
     )
     made = [
         blind[:3],

@@ -13,7 +13,7 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.fault_names import NO_FAULT, SEVERITIES
 from bench.corpora.faults import (
     Fault,
-    all_faults,
+    FAULTS,
     as_readings,
     as_shares,
     parse_fault_names,
@@ -51,7 +51,7 @@ def parse_faults(names: Sequence[object]) -> tuple[str, ...]:
 
 def whole_faults() -> tuple[str, ...]:
     """Names of the faults under which recordings keep all frames."""
-    return tuple(name for name, one in all_faults().items() if not one.shortens)
+    return tuple(name for name, one in FAULTS.items() if not one.shortens)
 
 
 def apply_fault(
@@ -82,7 +82,7 @@ def watch_under_faults(
     """What a watcher reports of recordings under each fault at each severity: rows of a fold's table, with `CASE`."""
     shares = as_shares(test.corpus, np.arange(len(test)))
     subjects, parts = test.subjects.astype(str), []
-    for fault in map(all_faults().__getitem__, under):
+    for fault in map(FAULTS.__getitem__, under):
         for severity in range(1, SEVERITIES + 1):
             corpus = apply_fault(test, shares, fault, severity)
             evidence = watcher.collect_evidence(corpus)

@@ -101,12 +101,12 @@ class Continuous(RunKind):
 
     def code(self) -> list[Code]:
         """The code of the detector and the faults, too."""
-        from bench.corpora.faults import all_faults
+        from bench.corpora.faults import FAULTS
 
         return [
             *super().code(),
             *self.part.code(),
-            *(all_faults()[name].damage for name in self.under),
+            *(FAULTS[name].damage for name in self.under),
         ]
 
     def params(self) -> dict[str, object]:
@@ -163,14 +163,14 @@ class Continuous(RunKind):
 
     def measure_run(self, plan: Plan, about: Mapping[str, str], folds: list[FoldResult]) -> Result:
         """Scores of touches, and in each case under faults; tables of touches, reports, subjects, the curve, cases."""
-        from bench.running.results import join_tables
+        from bench.running.results import concat_fold_tables
         from touchbench_streams.fold import run_numbers
         from touchbench_streams.stress import FAULTED, FAULTS, fault_table, tracked_scores
 
         rate_hz = plan.corpus.rate_hz
         numbers, tables = run_numbers(folds, rate_hz, self.unknown)
         if self.under:
-            cases = join_tables(folds)[FAULTED]
+            cases = concat_fold_tables(folds)[FAULTED]
             table = fault_table(tables["predictions"], cases, rate_hz, people=True)
             numbers, tables = (
                 numbers | tracked_scores(table),

@@ -71,9 +71,9 @@ class Faults(Circumstance):
 
     def code(self) -> list[Code]:
         """Return its code, and that of the faults."""
-        from bench.corpora.faults import all_faults
+        from bench.corpora.faults import FAULTS
 
-        return [*super().code(), *(all_faults()[name].damage for name in self.under)]
+        return [*super().code(), *(FAULTS[name].damage for name in self.under)]
 
     @property
     def timing_metrics(self) -> tuple[str, ...]:
@@ -82,10 +82,10 @@ class Faults(Circumstance):
 
     def cases(self, at: FittedFold) -> Iterator[Case]:
         """Yield the test captures under each fault at each severity."""
-        from bench.corpora.faults import all_faults, as_shares, damage_captures
+        from bench.corpora.faults import FAULTS, as_shares, damage_captures
 
         shares = as_shares(at.corpus, at.fold.test)
-        for fault in map(all_faults().__getitem__, self.under):
+        for fault in map(FAULTS.__getitem__, self.under):
             for severity in range(1, SEVERITIES + 1):
                 worse = damage_captures(at.corpus, at.fold.test, shares, fault, severity)
                 yield Case(fault.name, severity, fault.describe(severity), worse)
