@@ -1,1 +1,1 @@
-"""Results of runs: pure functions of their tables, and the one module that queries MLflow."""
+"""Room of results: they are loaded from the store, compared, chosen among and checked."""

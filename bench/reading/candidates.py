@@ -129,8 +129,10 @@ def find_candidates(
     Raises:
         NothingTracked: no run is left.
     """
-    every = views_of_runs()
-    views = {tag: view for tag, view in every.items() if (tag if view.is_study else "") == study}
+    all_views = views_of_runs()
+    views = {
+        tag: view for tag, view in all_views.items() if (tag if view.is_study else "") == study
+    }
     offered = [r for r in results if r.kind in views and views[r.kind].has_candidate(r)]
     if windows:
         offered = [r for r in offered if r.metrics.get("windows", 0) > 0]
@@ -155,7 +157,7 @@ def find_candidates(
     table.loc[same & (apart != ""), "unit"] += ", " + apart
     subjects = mean_over_seeds(candidate.scores for candidate, _ in seeds)
     amounts = mean_over_seeds(
-        _amounts(candidate, r.metrics | system_costs[str(r["system"])], study)
+        _costs_of_candidate(candidate, r.metrics | system_costs[str(r["system"])], study)
         for candidate, r in seeds
     )
     table = pd.concat([table.assign(accuracy=subjects.mean(axis=1)), amounts], axis=1)
@@ -170,8 +172,8 @@ def find_candidates(
     people = [*subjects, *sorted(unscored)]
     counted = np.array([part.reindex(columns=people) for part in counts])
     counted = counted.reshape(-1, len(ways), len(people))
-    found = Candidates(table, subjects, lost, counted, runs[0], notes)
-    return found.with_people_costs(costs_of_run_kind(study))
+    candidates = Candidates(table, subjects, lost, counted, runs[0], notes)
+    return candidates.with_people_costs(costs_of_run_kind(study))
 
 
 def _ways_of_systems(
@@ -204,7 +206,7 @@ def _describe_way(way: Way, system_costs: Mapping[str, Mapping[str, float]]) -> 
     last = max(runs, key=lambda r: r["started"])
     shared = system_costs[str(last["system"])].items()
     linked = any(r.metrics.get(name, value) != value for r in runs for name, value in shared)
-    row = {"system": last.system, "unit": candidate.unit}
+    row: dict[str, Any] = {"system": last.system, "unit": candidate.unit}
     row |= {"mark": candidate.mark, "whole": candidate.whole}
     row |= {column: str(last.get(name, "")) for column, name in TAGS.items()}
     row["linked"] = linked or "flash" in candidate.stored
@@ -213,9 +215,9 @@ def _describe_way(way: Way, system_costs: Mapping[str, Mapping[str, float]]) -> 
     return row
 
 
-def _amounts(
+def _costs_of_candidate(
     candidate: Candidate, metrics: Mapping[str, float], study: str
-) -> dict[str, float | None]:
+) -> dict[str, Any]:
     """Costs of a candidate that do not depend on people, by name.
 
     The time of a decision is the touch that it needs; computing time here is another cost.
@@ -253,9 +255,9 @@ def _points_lost(
             runs[r.system].append(r)
     for view in views_of_circumstances():
         for system, numbers in rows.items():
-            found = [r for r in runs[str(system)] if view.applies_to(r)]
-            seeds = dict.fromkeys(r["seed"] for r in found)
-            of_seeds = [[r for r in found if r["seed"] == seed] for seed in seeds]
+            system_runs = [r for r in runs[str(system)] if view.applies_to(r)]
+            seeds = dict.fromkeys(r["seed"] for r in system_runs)
+            of_seeds = [[r for r in system_runs if r["seed"] == seed] for seed in seeds]
             parts = [view.losses_by_subject(each, faults, severity, reactions) for each in of_seeds]
             points = [part.reindex(columns=subjects) for part in parts if part is not None]
             if points:
@@ -351,7 +353,8 @@ def _newest_comparable(results: Sequence[Result]) -> tuple[list[Result], list[st
     newest = values_to_agree(by_age[-1], ["protocol"])
     same = [r for r in by_age if values_to_agree(r, ["protocol"]) == newest]
     last = {r.kind: r for r in same}
-    kept, different = set(), {}  # names of shared parameters that differ
+    kept: set[Result] = set()
+    different: dict[str, None] = {}  # names of shared parameters that differ
     for r in same:
         names = views[r.kind].shared_parameters
         changed = [name for name in names if r.get(name) != last[r.kind].get(name)]

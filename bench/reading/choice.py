@@ -152,10 +152,15 @@ class Choice:
 
     def lines(self) -> list[str]:
         """The choice, its reason and what to expect, or the budgets that rule all out."""
-        expectation, scope = self.expectation(), self._render("scope")
-        every = [*self._render("verdict details prices"), *expectation, *scope, *self._meaning()]
+        expectation, scope = self.expectation_sentences(), self._render_blocks("scope")
+        every = [
+            *self._render_blocks("verdict details prices"),
+            *expectation,
+            *scope,
+            *self._meaning_sentences(),
+        ]
         every += [*self.notes, *self.candidates.notes]
-        every += self._footnotes(self.candidates.table["system"])
+        every += self._footnotes_of_systems(self.candidates.table["system"])
         every += choice_sentences("missing", missing=self.missing, shown=COMMANDS)
         remedy = None
         if self.chosen is None:
@@ -167,20 +172,20 @@ class Choice:
             brief = self.why_nothing_fits()
             brief += choice_sentences("missing", missing=first, shown=1)[:1]
         else:
-            brief = [*self._render("verdict"), *expectation[:1], *scope]
-            brief += self._footnotes([self.system or ""])
+            brief = [*self._render_blocks("verdict"), *expectation[:1], *scope]
+            brief += self._footnotes_of_systems([self.system or ""])
         more = sum(line not in brief[:BRIEF] for line in every)
         return [*brief[:BRIEF], *choice_sentences("rest", more=more, command=remedy)]
 
-    def reasons(self) -> list[str]:
+    def reason_sentences(self) -> list[str]:
         """The choice, its reason, the price of the next better system and of budgets, its scope."""
-        return self._render("verdict details prices scope")
+        return self._render_blocks("verdict details prices scope")
 
     def why_nothing_fits(self) -> list[str]:
         """The budgets that rule candidates out, where none fits."""
-        return self._render("verdict prices", self.binding_limits)
+        return self._render_blocks("verdict prices", self.binding_limits)
 
-    def expectation(self) -> list[str]:
+    def expectation_sentences(self) -> list[str]:
         """What to expect for new people, and the worst person, in sentences."""
         scores = self.left_out_scores
         if scores is None:
@@ -197,7 +202,9 @@ class Choice:
             mixed=self.candidates.mixes_subjects,
         )
 
-    def _render(self, blocks: str, limits: Sequence[dict[str, Any]] | None = None) -> list[str]:
+    def _render_blocks(
+        self, blocks: str, limits: Sequence[dict[str, Any]] | None = None
+    ) -> list[str]:
         """Sentences of some blocks on the choice; ``limits`` replace those of all budgets."""
         rows = dict(zip(self.table.index, rows_of_frame(self.table), strict=True)) | {None: None}
         chosen, subjects = rows[self.chosen], self.candidates.subjects.shape[1]
@@ -219,7 +226,7 @@ class Choice:
             mixed=MIXED_NOTE if self.candidates.mixes_subjects else "",
         )
 
-    def _footnotes(self, systems: Iterable[str]) -> list[str]:
+    def _footnotes_of_systems(self, systems: Iterable[str]) -> list[str]:
         """Footnotes of some systems, and that on marked ones if any candidate is marked."""
         data = str(self.candidates.first["data"])
         notes = [note for system in systems for note in footnotes_of_system(str(system), data)]
@@ -228,13 +235,13 @@ class Choice:
             notes.append(BATCH_NOTE)
         return [*dict.fromkeys(f"{note.rstrip('.')}." for note in notes)]
 
-    def _meaning(self) -> list[str]:
+    def _meaning_sentences(self) -> list[str]:
         """What decision times, the score and the losses are of, where that is not usual."""
         reactions, table = self.scene.reactions, self.candidates.table
         counted = [name for name, cost in all_costs().items() if cost.at_clock and name in table]
         unlisted = set[str]()
         if not reactions.is_default:
-            gestures = self._view.gestures(self.candidates.first)
+            gestures = self._view.gesture_names(self.candidates.first)
             unlisted = {*gestures}.difference(*reactions.groups.values())
         faults = [*self.scene.faults]
         return choice_sentences(

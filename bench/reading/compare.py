@@ -11,7 +11,13 @@ import pandas as pd
 import pyarrow as pa
 
 from bench.corpora.read.limits import check_columns, file_name
-from bench.corpora.read.rows import CsvTable, PandasTable, ParquetTable, Table, text_categories
+from bench.corpora.read.rows import (
+    CsvTable,
+    Table,
+    table_from_pandas,
+    table_from_parquet,
+    text_categories,
+)
 from bench.errors import InputError, one_line
 from bench.reading import statistics
 from bench.reading.frame import group_results, name_rows
@@ -43,7 +49,7 @@ class Side:
     on: str = ""
     notes: Sequence[str] = ()
 
-    def captures(self) -> pd.DataFrame:
+    def rows_by_capture(self) -> pd.DataFrame:
         """A row for each capture, by its id; ``right`` is a mean over seeds."""
         by_id = self.rows.groupby("id", sort=False)
         labels = by_id["prediction"].agg(lambda each: " / ".join(dict.fromkeys(each)))
@@ -126,7 +132,7 @@ def compare_sides(first: Side, second: Side) -> Compared:
     """Compare two systems on the captures that both predicted, matched by id."""
     if first.name == second.name:
         raise InputError(f"both are {first.name}; give two systems")
-    sides, tables = (first, second), (first.captures(), second.captures())
+    sides, tables = (first, second), (first.rows_by_capture(), second.rows_by_capture())
     both = tables[0].index.intersection(tables[1].index, sort=False)
     if both.empty:
         ids = [f"{t.index[0]!r} in {side.name}" for side, t in zip(sides, tables, strict=True)]
@@ -135,21 +141,21 @@ def compare_sides(first: Side, second: Side) -> Compared:
         )
     notes = []
     for side, table in zip(sides, tables, strict=True):
-        ids = table.index.difference(both, sort=False)
-        if len(ids):
-            captures = f"{format_count(len(ids), 'capture')} ({_list_ids(ids)})"
-            notes.append(f"Only {side.name} has {captures}; the comparison leaves them out.")
+        alone = table.index.difference(both, sort=False)
+        if len(alone):
+            words = f"{format_count(len(alone), 'capture')} ({_list_ids(alone)})"
+            notes.append(f"Only {side.name} has {words}; the comparison leaves them out.")
     if first.on != second.on:
         unknown = [side.name for side in sides if not side.on]
         notes += [f"touchbench cannot verify the protocol of {name}." for name in unknown]
-    one, other = (table.loc[both] for table in tables)
-    _check_equal_captures(first.name, second.name, one, other)
+    first_rows, second_rows = (table.loc[both] for table in tables)
+    _check_equal_captures(first.name, second.name, first_rows, second_rows)
     rows = [side.rows[side.rows["id"].isin(both)] for side in sides]
     people = [100 * each.groupby("subject")["right"].mean() for each in rows]
     accuracy = pd.DataFrame({first.name: people[0], second.name: people[1]})
     test = statistics.paired_test(accuracy[first.name], accuracy[second.name])
     gained = statistics.subject_differences(accuracy[first.name], accuracy[second.name])
-    captures = one.join(other[["prediction", "right"]].add_prefix("other_"))
+    captures = first_rows.join(second_rows[["prediction", "right"]].add_prefix("other_"))
     captures = captures.rename_axis("id").reset_index()
     return Compared(
         system=first.name,
@@ -167,31 +173,35 @@ def compare_sides(first: Side, second: Side) -> Compared:
     )
 
 
-def _check_equal_captures(name: str, other: str, one: pd.DataFrame, two: pd.DataFrame) -> None:
+def _check_equal_captures(
+    first_name: str, second_name: str, first: pd.DataFrame, second: pd.DataFrame
+) -> None:
     """Refuse captures whose truth or subject differs between the sides."""
     for column in ("truth", "subject"):
-        wrong = one.index[(one[column] != two[column]).to_numpy()]
+        wrong = first.index[(first[column] != second[column]).to_numpy()]
         if len(wrong):
-            values = (
-                f"{one.at[wrong[0], column]!r} in {name}, {two.at[wrong[0], column]!r} in {other}"
-            )
-            more = f" ({len(wrong)} of {format_count(len(one), 'capture')} differ)"
+            one, other = (table.at[wrong[0], column] for table in (first, second))
+            more = f" ({len(wrong)} of {format_count(len(first), 'capture')} differ)"
             raise InputError(
-                f"capture {wrong[0]}: {column} is {values}{more * (len(wrong) > 1)}; correct one"
+                f"capture {wrong[0]}: {column} is {one!r} in {first_name}, {other!r} in "
+                f"{second_name}{more if len(wrong) > 1 else ''}; correct one"
             )
 
 
 def _right_alone(captures: pd.DataFrame) -> tuple[pd.Series, pd.Series]:
     """Which captures only the first and only the second system gets right, by most of its seeds."""
-    one, other = (captures[column] > 0.5 for column in ("right", "other_right"))
-    return one & ~other, other & ~one
+    first_right, second_right = (captures[column] > 0.5 for column in ("right", "other_right"))
+    return first_right & ~second_right, second_right & ~first_right
 
 
 def _compare_gestures(
-    captures: pd.DataFrame, one: pd.DataFrame, other: pd.DataFrame
+    captures: pd.DataFrame, first_rows: pd.DataFrame, second_rows: pd.DataFrame
 ) -> pd.DataFrame:
     """The comparison of each gesture."""
-    people = [100 * rows.groupby(["truth", "subject"])["right"].mean() for rows in (one, other)]
+    people = [
+        100 * rows.groupby(["truth", "subject"])["right"].mean()
+        for rows in (first_rows, second_rows)
+    ]
     rows = []
     for gesture, each in captures.groupby("truth"):
         first, second = (accuracy[gesture] for accuracy in people)
@@ -216,7 +226,7 @@ def side_of_file(path: Path, name: str = "") -> Side:
     if path.suffix.lower() != ".parquet":
         return side_of_table(CsvTable(path, name, counts=()), name)
     try:
-        return side_of_table(ParquetTable(path), name)
+        return side_of_table(table_from_parquet(path), name)
     except InputError:
         raise
     except Exception as e:  # pyarrow raises a dozen types for damaged bytes
@@ -228,7 +238,7 @@ def side_of_file(path: Path, name: str = "") -> Side:
 def side_of_frame(frame: pd.DataFrame, name: str) -> Side:
     """The predictions of a table in memory."""
     check_columns([*map(str, frame)], COLUMNS, name)
-    return side_of_table(PandasTable(frame[COLUMNS], name), name)
+    return side_of_table(table_from_pandas(frame[COLUMNS], name), name)
 
 
 def side_of_table(table: Table, name: str) -> Side:
@@ -304,13 +314,14 @@ def find_runs(name: str, results: Sequence[Result]) -> list[Result]:
         InputError: no such run exists, or several ids begin like this.
     """
     labels = name_rows(results)
-    found = [r for r, label in zip(results, labels, strict=True) if name in (label, r.system)]
-    found = found or [r for r in results if name == r["system"]]  # without the marks of tables
-    if not found:
-        found = [r for r in results if str(r["run_id"]).startswith(name)]
-        if len(found) > 1:
-            raise InputError(f"{name}: {len(found)} run ids begin like this; give more letters")
-    complete = [r for r in results_on_captures(found) if r.is_complete]
+    pairs = zip(results, labels, strict=True)
+    runs = [r for r, label in pairs if name in (label, r.system)]
+    runs = runs or [r for r in results if name == r["system"]]  # without the marks of tables
+    if not runs:
+        runs = [r for r in results if str(r["run_id"]).startswith(name)]
+        if len(runs) > 1:
+            raise InputError(f"{name}: {len(runs)} run ids begin like this; give more letters")
+    complete = [r for r in results_on_captures(runs) if r.is_complete]
     if not complete:
         raise InputError(
             f"no file and no complete run is called {name!r}; give a CSV or parquet file, or the "
@@ -319,19 +330,19 @@ def find_runs(name: str, results: Sequence[Result]) -> list[Result]:
     return [r for r in complete if r.system == complete[0].system]
 
 
-def sides_of_runs(found: Mapping[str, Sequence[Result]]) -> dict[str, Side]:
+def sides_of_runs(runs_by_name: Mapping[str, Sequence[Result]]) -> dict[str, Side]:
     """The sides of one or two systems by name, on the captures and under the protocol they share.
 
     Raises:
         InputError: they share none, or several.
     """
-    runs_by_setting = [{r.values_to_agree: r for r in runs} for runs in found.values()]
+    runs_by_setting = [{r.values_to_agree: r for r in runs} for runs in runs_by_name.values()]
     first, last = runs_by_setting[0], runs_by_setting[-1]
     shared = [setting for setting in first if setting in last]
     contexts = [*group_results([first[setting] for setting in shared])]
-    words = " and ".join(found)
+    words = " and ".join(runs_by_name)
     if not shared:
-        each = [f"{name} on {', '.join(runs[0].context)}" for name, runs in found.items()]
+        each = [f"{name} on {', '.join(runs[0].context)}" for name, runs in runs_by_name.items()]
         raise InputError(
             f"{words} share no data, subset and protocol: {'; '.join(each)}; "
             "run one of them where the other was run"
@@ -341,9 +352,9 @@ def sides_of_runs(found: Mapping[str, Sequence[Result]]) -> dict[str, Side]:
             f"{words}: there are runs on {'; '.join(contexts)}; name one with data=, where=, "
             "target= or protocol="
         )
-    runs = [[r for r in each if r.values_to_agree == shared[0]] for each in found.values()]
+    runs = [[r for r in each if r.values_to_agree == shared[0]] for each in runs_by_name.values()]
     labels = name_rows([each[0] for each in runs])
     return {
         name: side_of_runs(each, label, contexts[0])
-        for name, each, label in zip(found, runs, labels, strict=True)
+        for name, each, label in zip(runs_by_name, runs, labels, strict=True)
     }

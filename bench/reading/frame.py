@@ -83,8 +83,8 @@ def _distinguishing_keys(rows: Sequence[Row], context: bool) -> list[str]:
     """Tags and parameters in which rows differ, as many as distinguish them; else also their id."""
     attributes = [r.attributes if isinstance(r, Result) else r for r in rows]
     every = dict.fromkeys(key for r in attributes for key in r)
-    every = [key for key in every if not key.endswith(("_name", "_file"))]
-    shown = [key for key in every if _is_parameter(key) or not key.startswith(HIDDEN)]
+    usual = [key for key in every if not key.endswith(("_name", "_file"))]
+    shown = [key for key in usual if _is_parameter(key) or not key.startswith(HIDDEN)]
     kept: dict[tuple[int, ...], str] = {}  # by how they divide the rows
     first_keys = [*(CONTEXT if context else ()), "seed", "touchbench.changes"]
     for key in dict.fromkeys([*first_keys, *shown, "corpus_digest"]):

@@ -11,7 +11,7 @@ import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
@@ -257,8 +257,8 @@ def system_line(record: SystemRecord) -> str:
 def record_of_result(result: Result, run: str) -> SystemRecord:
     """The compared measurements of a result; ``run`` are the arguments that make it."""
     versions = {name for name in result if name.startswith("version.")} - {"version.touchbench"}
-    names = versions | ({"cpu", "simd", "threads"} & {*result})
-    environment = {name: str(result[name]) for name in result if name in names}
+    described = {"cpu", "simd", "threads"} | versions
+    environment = {name: str(result[name]) for name in result if name in described}
     # A patch of Python computes the same.
     environment["version.python"] = environment["version.python"].rpartition(".")[0]
     costs = {cost: float(result.get(name, np.nan)) for cost, name in COSTS.items()}
@@ -329,7 +329,7 @@ def read_baseline(path: Path) -> list[SystemRecord]:
 def _record_from_json(entry: dict) -> SystemRecord:
     classes, tables = np.array(entry.pop("classes"), dtype=object), []
     for row in entry.pop("tested"):
-        columns = {"fold": str(row["fold"])}
+        columns: dict[str, Any] = {"fold": str(row["fold"])}
         columns["capture"] = np.array(row["captures"], dtype=np.int64)
         columns["subject"] = str(row["subject"])
         columns |= {name: classes[row[name]] for name in ("true", "predicted")}

@@ -140,8 +140,9 @@ def clean_candidate(result: Result, reactions: Reactions, windows: bool) -> Cand
         decisions = react_to_decisions(result.tables["predictions"], reactions)
         return Candidate("window", reactions.score_by_subject(decisions), WINDOW_COSTS)
     # The accuracy that the run stored is the same: reading predictions of 1000 runs takes a minute.
-    scores = result.accuracy_by_subject if reactions.is_default else {}
-    if not scores:
+    stored = result.accuracy_by_subject if reactions.is_default else {}
+    scores: Mapping[str, float] | pd.Series = stored
+    if not stored:
         scores = reactions.score_by_subject(
             react_to_captures(result.tables["predictions"], reactions)
         )

@@ -78,7 +78,7 @@ def judge_candidates(
         `bench.reading.choice.Choice`.
     """
     chosen, best, near = pick_candidate(table, scores, by, budgets, margin)
-    verdicts = [_excess(row, budgets) for row in rows_of_frame(table)]
+    verdicts = [_describe_excess(row, budgets) for row in rows_of_frame(table)]
     fits = np.array([not verdict for verdict in verdicts])
     burden = all_costs()[by].as_burden(table[by].to_numpy(float))
     losses = np.full((len(table), 2), np.nan)
@@ -106,7 +106,7 @@ def judge_candidates(
     return judged | {"costlier": costlier, "unranked": [int(i) for i in unknown.index]}
 
 
-def _excess(row: Row, budgets: Mapping[str, float]) -> str:
+def _describe_excess(row: Row, budgets: Mapping[str, float]) -> str:
     """The budgets that rule a candidate out, with amounts if it is one; empty for none."""
     costs = [all_costs()[n] for n, budget in budgets.items() if not meets_budget(n, row[n], budget)]
     if len(costs) != 1:

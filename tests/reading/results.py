@@ -1,4 +1,4 @@
-"""Results without running anything and without a store, as the commands would make them; ``about`` has further tags."""
+"""Results as commands make them, without runs and a store; ``about`` has further tags."""
 
 from itertools import count
 
@@ -38,7 +38,7 @@ def make_predictions(
 
 
 def predictions_with_hits(hits, of=20):
-    """A predictions table in which of each subject's ``of`` captures as many are right as ``hits`` says."""
+    """A predictions table with ``hits`` right labels of ``of`` captures of each subject."""
     rows = []
     for s, right in enumerate(hits, 1):
         for c in range(of):

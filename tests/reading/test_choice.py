@@ -8,8 +8,8 @@ from scipy.stats import ttest_rel
 from bench.errors import InputError
 from bench.reading.candidates import Candidates, comparable_runs, find_candidates
 from bench.reading.choice import choose_candidate
-from bench.reading.runs import NothingTracked, select_runs, warn_of_missing_runs
-from tests.results import evaluated, made_up, result, systems_of
+from bench.reading.runs import NothingTracked
+from tests.reading.results import make_predictions, make_result, make_run, system_names
 
 
 def made(accuracies, **costs):
@@ -18,7 +18,7 @@ def made(accuracies, **costs):
     rows = pd.DataFrame({"system": [f"s{i}" for i in range(len(subjects))], "unit": "capture"})
     usual = {name: [1.0] * len(rows) for name in ("flash", "ram", "predict", "decision")}
     rows = rows.assign(accuracy=subjects.mean(axis=1), **usual | costs)
-    return Candidates(rows, subjects, np.empty(0), np.empty(0), result(), [])
+    return Candidates(rows, subjects, np.empty(0), np.empty(0), make_result(), [])
 
 
 def test_the_cheapest_within_one_standard_error_is_chosen():
@@ -69,7 +69,7 @@ def test_a_margin_asks_for_proof_of_equivalence():
 
 
 def test_each_budget_has_its_price_and_what_binds():
-    # Without ram: s0, whose subjects are 10, 14, 10 and 6 points better than those of s2: mean 10, SD sqrt(32 / 3).
+    # Without ram: s0, whose subjects are 10, 14, 10 and 6 points better than those of s2.
     accuracies = [[90, 84, 70, 76], [80] * 4, [80, 70, 60, 70]]
     candidates = made(
         accuracies, ram=[40.0, 32.0, 8.0], flash=[9.0, 20.0, 3.0], predict=[1.0, np.nan, 2.0]
@@ -95,7 +95,7 @@ def test_ties_and_one_subject():
     assert (choice.chosen, choice.best, choice.costlier) == (1, 1, None)
     candidates = made([[90.0], [90.0], [80.0]], flash=[9.0, 5.0, 1.0])
     choice = choose_candidate(candidates, "flash", {"ram": 2.0})
-    words = " ".join(choice.reasons())
+    words = " ".join(choice.reason_sentences())
     assert choice.chosen == 1 and "1 subject: too few for an interval" in words
     assert "within" not in words and "nan" not in words
 
@@ -116,7 +116,7 @@ def people_of(seed, candidates=5, subjects=6):
     frame = pd.DataFrame(scores, columns=[*"abcdefghijkl"[:subjects]])
     table = pd.DataFrame({"system": "s", "unit": "capture", "accuracy": scores.mean(axis=1)})
     table["flash"] = [*rng.uniform(1, 50, candidates - 1), np.nan]
-    return Candidates(table, frame, losses, counts, result(), []).with_people_costs(OF_PEOPLE)
+    return Candidates(table, frame, losses, counts, make_result(), []).with_people_costs(OF_PEOPLE)
 
 
 def test_costs_of_people_are_those_of_a_loop():
@@ -164,13 +164,13 @@ def run(system, predictions=None, tables=None, **about):
     numbers = {"ram_bytes": 500.0, "predict_ms_p50": 2.0, "decide_ms_p50": 0.5, "capture_ms": 300.0}
     numbers |= {"flash_bytes": 4000.0, "observed_ms": 100.0, "windows": np.nan}
     numbers |= {k: about.pop(k) for k in [*about] if not isinstance(about[k], str)}
-    return evaluated(
+    return make_run(
         system, predictions, metrics=numbers, tables=tables, **{"protocol_label": "LOSO"} | about
     )
 
 
 def systems(results, asked=None, **how):
-    return sorted(systems_of(comparable_runs(results, asked or {}, **how)[0]))
+    return sorted(system_names(comparable_runs(results, asked or {}, **how)[0]))
 
 
 def percents(labelled):
@@ -183,7 +183,7 @@ def percents(labelled):
 
 
 def test_seeds_are_averaged():
-    tables = [made_up(per_class=2, seed=seed) for seed in (0, 1)]
+    tables = [make_predictions(per_class=2, seed=seed) for seed in (0, 1)]
     seeds = [
         run("rf", table, flash_bytes=4000.0 + 2000 * s, seed=str(s))
         for s, table in enumerate(tables)
@@ -208,8 +208,8 @@ def test_seeds_are_averaged():
 
 def test_a_replayed_system_decides_as_late_as_the_budget_allows():
     early, late = (
-        made_up(per_class=1, seed=1).assign(instant=10),
-        made_up(per_class=1, seed=2).assign(instant=20),
+        make_predictions(per_class=1, seed=1).assign(instant=10),
+        make_predictions(per_class=1, seed=2).assign(instant=20),
     )
     replay = pd.concat([early, late], ignore_index=True)
 
@@ -250,7 +250,7 @@ def test_runs_on_the_newest_corpus_of_a_name_win():
         for system, digest in (("svm", "a"), ("rf", "a"), ("lda", "b"))
     ]
     kept, (note,) = comparable_runs(results, {})
-    assert systems_of(kept) == ["lda"] and "2 older runs" in note and "aaaaaaaa" in note
+    assert system_names(kept) == ["lda"] and "2 older runs" in note and "aaaaaaaa" in note
     asked = {
         name: [results[0][name]] for name in ("corpus_digest", "protocol_label")
     }  # as the page asks
@@ -281,39 +281,19 @@ def test_a_run_with_a_failed_fold_is_named():
     results = [run("svm"), run("svm", status="FAILED"), run("rf", status="FAILED")]
     results.append(run("xgb", status="FAILED", corpus_digest="e" * 64))  # elsewhere
     kept, (note,) = comparable_runs(results, {})
-    assert systems_of(kept) == ["svm"] and "folds failed: rf." in note
+    assert system_names(kept) == ["svm"] and "folds failed: rf." in note
     with pytest.raises(NothingTracked, match="folds failed: rf"):
         systems(results, {"system": ["rf"]})
-
-
-def test_a_model_of_a_file_goes_by_its_file_and_by_its_name(tmp_path):
-    names = [str(tmp_path / "mine.py:near"), "svm", str(tmp_path / "svm.py:svm")]
-    results = [run(name, model=name, features_name="touch") for name in names]
-    for name, row in {
-        "mine.py:near": 0,
-        "near": 0,
-        names[0]: 0,
-        "svm": 1,
-        "svm.svm": 2,
-        "svm.py:svm": 2,
-    }.items():
-        assert select_runs(results, {"model": [name]}) == [results[row]], name
-    asked = {"model": ["other.py:near", "near", "rf"], "features": ["touch", "balli"]}
-    assert warn_of_missing_runs(results, asked) == [
-        "features=balli",
-        "model=other.py:near",
-        "model=rf",
-    ]
 
 
 def test_what_to_expect_is_the_mean_of_people_left_out_and_the_worst_person():
     choice = choose_candidate(people_of(1), "flash", {})
     scores = np.array([70.0, 80, 75, 85, 80, 90])
     vars(choice)["left_out_scores"] = scores
-    expect, worst = choice.expectation()
+    expect, worst = choice.expectation_sentences()
     # 80 +- 2.571 * 7.071 / sqrt(6)
     assert expect.startswith("Expect 80.0 % [72.6, 87.4] for new people")
     own = choice.candidates.subjects.loc[choice.chosen]
     assert f"subject {own.idxmin()}, has {own.min():.1f} %" in worst
     vars(choice)["left_out_scores"] = np.array([*scores[:5], np.nan])
-    assert "nothing fits" in choice.expectation()[0]
+    assert "nothing fits" in choice.expectation_sentences()[0]

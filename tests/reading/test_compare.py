@@ -8,9 +8,9 @@ import pytest
 
 import bench
 from bench.cli import main
+from tests.reading.results import predictions_with_hits
 from tests.reading.test_statistics import signed_rank_by_hand
 from tests.reports.store import tracked_run
-from tests.results import with_hits
 
 GESTURES = ("pat", "rub", "tap")
 FEW = pd.DataFrame(
@@ -34,7 +34,7 @@ def predictions(hits, of=20):
 
 
 def ends_of_seven(differences):
-    """The interval of Wilcoxon's test: of seven people, it rejects a sum of ranks of 2 (tables of the test, 5 %)."""
+    """The interval of Wilcoxon's test, which rejects a sum of ranks of 2 for seven people (5 %)."""
     means = sorted((a + b) / 2 for i, a in enumerate(differences) for b in differences[i:])
     assert len(means) == 28
     return means[2], means[-3]
@@ -129,9 +129,9 @@ def test_windows_vote_and_what_one_file_lacks_is_named():
 
 def test_a_table_against_stored_runs_whose_seeds_are_averaged(store):
     """The ids of a run are places in the corpus."""
-    tracked_run(store, "svm · touch", with_hits([18, 14, 15, 12, 16]))
-    tracked_run(store, "svm · touch", with_hits([16, 14, 15, 12, 16]), seed="1")
-    run = tracked_run(store, "lda", with_hits([17, 14, 15, 12, 16]))
+    tracked_run(store, "svm · touch", predictions_with_hits([18, 14, 15, 12, 16]))
+    tracked_run(store, "svm · touch", predictions_with_hits([16, 14, 15, 12, 16]), seed="1")
+    run = tracked_run(store, "lda", predictions_with_hits([17, 14, 15, 12, 16]))
     found = bench.compare(predictions([12] * 5), "svm · touch", data="synth")
     assert found.difference == pytest.approx(-5 * np.mean([5, 2, 3, 0, 4]))
     assert found.subjects == 5

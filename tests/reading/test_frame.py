@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bench.reading.frame import accuracy_by_subject, group_results, name_rows, runs_table
-from tests.results import evaluated, result, with_hits
+from tests.reading.results import make_result, make_run, predictions_with_hits
 
 OTHER = {"corpus_digest": "e" * 64}
 ROWS = [  # tags of runs of a system, and what is told beside its name
@@ -25,24 +25,24 @@ ROWS = [  # tags of runs of a system, and what is told beside its name
 
 def test_a_name_tells_what_differs_from_rows_of_the_same_system():
     for runs, told in ROWS:
-        assert name_rows([result("svm", **tags) for tags in runs]) == [
+        assert name_rows([make_result("svm", **tags) for tags in runs]) == [
             f"svm{words}" for words in told
         ]
-    runs = [result("svm"), result("svm", protocol="kfold")]
+    runs = [make_result("svm"), make_result("svm", protocol="kfold")]
     assert name_rows(runs) == ["svm", "svm"] and name_rows(runs, context=True) == [
         "svm, protocol loso",
         "svm, protocol kfold",
     ]
-    one, two = name_rows([result("svm"), result("svm")])  # made again by other code
+    one, two = name_rows([make_result("svm"), make_result("svm")])  # made again by other code
     assert one != two and one.startswith("svm, run ")
 
 
 def test_runs_on_the_same_captures_under_the_same_protocol_are_a_group():
     runs = [
-        result("a"),
-        result("b", seed=1),
-        result("c", protocol_label="KFold"),
-        result("d", corpus_digest="e" * 64),
+        make_result("a"),
+        make_result("b", seed=1),
+        make_result("c", protocol_label="KFold"),
+        make_result("d", corpus_digest="e" * 64),
     ]
     groups = group_results(runs)
     assert [[r["system"] for r in members] for members in groups.values()] == [
@@ -56,7 +56,7 @@ def test_runs_on_the_same_captures_under_the_same_protocol_are_a_group():
         and last.endswith("eeeeeeee")
         and "KFold" in other
     )
-    starts = [result("a", **{"stream.start": start}) for start in ("onset", "middle")]
+    starts = [make_result("a", **{"stream.start": start}) for start in ("onset", "middle")]
     assert len(group_results(starts)) == 1
     assert [*group_results(starts, {"stream.start": ("from the {}", "onset")})] == [
         "synth (synthetic), all, LOSO",
@@ -65,7 +65,7 @@ def test_runs_on_the_same_captures_under_the_same_protocol_are_a_group():
 
 
 def test_a_row_holds_what_a_run_is():
-    run = evaluated("svm", with_hits([20, 10]), **{"model.C": 8.0})
+    run = make_run("svm", predictions_with_hits([20, 10]), **{"model.C": 8.0})
     (row,) = runs_table([run]).to_dict("records")
     assert (
         row["accuracy"] == pytest.approx(75)
@@ -78,16 +78,16 @@ def test_a_row_holds_what_a_run_is():
         and row["complete"]
     )
     assert row["folds"] == "2/2" and row["data"] == "synth (synthetic)"
-    assert not runs_table([evaluated("svm", failed=2)])["complete"][0] and runs_table([]).empty
+    assert not runs_table([make_run("svm", failed=2)])["complete"][0] and runs_table([]).empty
 
 
 def test_accuracy_by_subject_is_of_complete_results_of_all_subjects():
     results = [
-        evaluated("worse", with_hits([10, 12])),
-        evaluated("better", with_hits([20, 16]), seed=0),
-        evaluated("better", with_hits([18, 20]), seed=1),
-        evaluated("cut", with_hits([20, 20]), failed=1),
-        evaluated("one", with_hits([20])),
+        make_run("worse", predictions_with_hits([10, 12])),
+        make_run("better", predictions_with_hits([20, 16]), seed=0),
+        make_run("better", predictions_with_hits([18, 20]), seed=1),
+        make_run("cut", predictions_with_hits([20, 20]), failed=1),
+        make_run("one", predictions_with_hits([20])),
     ]
     table, seeds = accuracy_by_subject(results)
     assert table.index.tolist() == ["better", "worse"] and seeds.tolist() == [2, 1]

@@ -72,7 +72,7 @@ def test_the_bootstrap_is_the_limit_of_drawing_with_replacement(differences):
 
 
 def test_the_chances_of_a_false_alarm_are_as_stated():
-    """Two runs whose hits differ by chance alone; captures of a subject go together, as when a fit is lucky."""
+    """Two runs whose hits differ by chance; captures of a subject vary together."""
     rng = np.random.default_rng(1)
     p = []
     for _ in range(1500):
@@ -88,19 +88,11 @@ def test_the_chances_of_a_false_alarm_are_as_stated():
 def test_captures_are_drawn_where_subjects_are_too_few():
     tested = pd.DataFrame({"subject": list("aabbccde"), "capture": [0, 1, 2, 3, 4, 4, 5, 6]})
     tested["difference"] = [1, 0, -1, -1, 1, 1, 0, -1]
-    # none, one or two of five better by the toss of a coin, and as many worse: 2 * (1 + 5 + 10) / 2^5
+    # None, one or two of five better by the toss of a coin, and as many worse: 2 * 16 / 2^5.
     units, kind = bootstrap_units(tested, 1.0)
     assert kind == "subjects" and units.tolist() == [1, -2, 2, 0, -1]
     units, kind = bootstrap_units(tested, 0.99)
-    assert kind == "captures" and units.tolist() == [
-        1,
-        0,
-        -1,
-        -1,
-        2,
-        0,
-        -1,
-    ]  # capture 4 was tested in two folds
+    assert kind == "captures" and units.tolist() == [1, 0, -1, -1, 2, 0, -1]  # 4 is in two folds
     many = pd.DataFrame({"subject": range(16), "capture": range(16), "difference": 0})
     assert (
         bootstrap_units(many, 2 * 137 / 2**16)[1] == "subjects"
@@ -108,19 +100,29 @@ def test_captures_are_drawn_where_subjects_are_too_few():
     )
 
 
-def test_verdicts_on_accuracy_and_labels():
-    then = measured([1, 0] * 60)
-    assert words(then, measured([1, 0] * 60)) == ()
-    assert words(then, measured([1, 1] * 12 + [1, 0] * 48)) == ("better",)
-    assert words(then, measured([0, 1] * 6 + [1, 0] * 54)) == (
-        "changed",
-    )  # 12 labels, none too many right or wrong
-    assert words(then, measured([0, 1] + [1, 0] * 59)) == ()  # rounding
-    (verdict,) = compare_with_baseline([then], [measured([0, 0] * 12 + [1, 0] * 48)], **LIMITS)
-    assert verdict.alarms == ("worse",)
-    assert verdict.line.startswith(
-        "worse    s | toy* | loso: pooled 50.0 -> 40.0 %, -10.0 [-15.8, -5.0], p "
-    )
+SAME, WORSE = [1, 0] * 60, [0, 0] * 12 + [1, 0] * 48
+COSTS = {"relative": 2.0, "flash": 400.0}
+ALARMS = [  # correct captures of a run, its costs, and the alarms
+    (SAME, COSTS, ()),
+    (SAME, {"relative": 3.9, "flash": 440.0}, ()),
+    (SAME, {"relative": 4.1, "flash": 441.0}, ("slower", "larger")),
+    (SAME, {}, ()),
+    ([1, 1] * 12 + [1, 0] * 48, COSTS, ("better",)),
+    ([0, 1] * 6 + [1, 0] * 54, COSTS, ("changed",)),  # 12 labels, none too many right or wrong
+    ([0, 1] + [1, 0] * 59, COSTS, ()),  # rounding
+    (WORSE, {"relative": 9.0, "flash": 1.0}, ("worse", "slower")),
+]
+
+
+@pytest.mark.parametrize(("right", "costs", "alarms"), ALARMS)
+def test_alarms_on_accuracy_labels_and_costs(right, costs, alarms):
+    assert words(measured(SAME), measured(right, costs=costs)) == alarms
+
+
+def test_a_verdict_is_a_line():
+    (verdict,) = compare_with_baseline([measured(SAME)], [measured(WORSE)], **LIMITS)
+    line = "worse    s | toy* | loso: pooled 50.0 -> 40.0 %, -10.0 [-15.8, -5.0], p "
+    assert verdict.line.startswith(line)
 
 
 def test_a_random_system_is_held_to_its_labels_only_where_it_must_repeat_them():
@@ -137,32 +139,15 @@ def test_a_random_system_is_held_to_its_labels_only_where_it_must_repeat_them():
     assert not why_labels_may_differ(none, replace(none, environment={}))
 
 
-def test_verdicts_on_cost():
-    then = measured([1, 0] * 9)
-    assert words(then, replace(then, costs={"relative": 3.9, "flash": 440.0})) == ()
-    assert words(then, replace(then, costs={"relative": 4.1, "flash": 441.0})) == (
-        "slower",
-        "larger",
-    )
-    assert words(then, replace(then, costs={"relative": 4.1}), slower=3.0) == ()
-    assert words(replace(then, costs={}), then) == ()
-    worse = measured([0, 0] * 9, costs={"relative": 9.0, "flash": 1.0})
-    assert words(then, worse) == ("worse", "slower")
-
-
 def test_an_alarm_names_the_stored_revision_since_which_runs_differ():
     then, worse = measured([1, 0] * 60), measured([0, 0] * 12 + [1, 0] * 48)
     stored = [("a", worse), ("b", then), ("c", then), ("d", worse), ("e", worse)]
-    told = {
-        5: "since revision d (last the same: c)",
-        3: "",
-        0: "",
-    }  # by how many runs are stored; c is as the baseline
-    for count, words in told.items():
+    # By how many runs are stored; c is as the baseline.
+    for count, words in {5: ", since revision d (last the same: c)", 3: "", 0: ""}.items():
         (verdict,) = compare_with_baseline(
             [then], [worse], **LIMITS, load_history=lambda now, count=count: stored[:count]
         )
-        assert verdict.details.partition("flash x1.00")[2] == (f", {words}" if words else "")
+        assert verdict.details.partition("flash x1.00")[2] == words
     (verdict,) = compare_with_baseline([then], [then], **LIMITS, load_history=lambda now: stored)
     assert "since" not in verdict.line
 
@@ -188,7 +173,10 @@ def test_one_busy_moment_counts_for_little_in_a_relative_time():
         {name: factor * seconds for name, factor in names.items()} for seconds in (1.0, 2.0, 9.0)
     ]
     numbers = combine_costs(
-        [FoldResult("x", metrics=m, times={"predict_ms": [1.0], "decide_ms": [1.0]}) for m in metrics]
+        [
+            FoldResult("x", metrics=m, times={"predict_ms": [1.0], "decide_ms": [1.0]})
+            for m in metrics
+        ]
     )
     assert (numbers["reference_ms"], numbers["predict_relative"]) == (2, 4)
     assert (numbers["flash_bytes"], numbers["fit_seconds"]) == (9, 4)

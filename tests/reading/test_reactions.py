@@ -10,8 +10,13 @@ import bench
 from bench.errors import InputError
 from bench.reading.groups import accuracy_by_grouping
 from bench.reading.reactions import Reactions, points_lost, react_to_decisions
+from tests.reading.results import (
+    make_predictions,
+    make_stress_run,
+    predictions_with_hits,
+    rows_of_case,
+)
 from tests.reports.store import tracked_run
-from tests.results import case, made_up, stressed, with_hits
 
 ROBOT = Reactions(
     {"calm": ("pat", "rub")}, costs={"tap": {"calm": 4.0}, "nothing": {"tap": 2.0}}, silence=0.6
@@ -68,8 +73,11 @@ def test_a_gesture_called_nothing_is_not_silence():
     st.sampled_from([Reactions(), ROBOT, Reactions({"x": ("rub", "tap")}, ignored=True)]),
 )
 def test_decisions_equal_a_loop_over_all_reactions(seed, robot):
-    table = made_up(subjects=2, per_class=1, seed=seed)
-    costs, reaction_of = robot.cost_table(["pat", "rub", "tap"]), robot.reaction_by_gesture(["pat", "rub", "tap"])
+    table = make_predictions(subjects=2, per_class=1, seed=seed)
+    costs, reaction_of = (
+        robot.cost_table(["pat", "rub", "tap"]),
+        robot.reaction_by_gesture(["pat", "rub", "tap"]),
+    )
     for row, taken in zip(
         table.to_dict("records"), react_to_decisions(table, robot)["taken"], strict=True
     ):
@@ -90,16 +98,17 @@ def test_a_reaction_that_does_not_exist_is_refused():
 
 
 def test_points_that_are_lost_under_faults_by_hand():
-    """Two taps of each person. At severity 2, subject 1 feels one of them as a rub: calm for a tap costs 4."""
+    """Two taps of each person; at severity 2, subject 1 has one rub: calm for tap costs 4."""
     clean = pd.DataFrame(
         {"subject": [*"112233"], "capture": [0, 1] * 3, "true": "tap", "predicted": "tap"}
     )
     felt = clean.assign(predicted=["rub", *["tap"] * 5])
     levels = [
-        case(table, "under", "noise", level) for level, table in ((1, clean), (2, felt), (3, felt))
+        rows_of_case(table, "under", "noise", level)
+        for level, table in ((1, clean), (2, felt), (3, felt))
     ]
-    labels = pd.concat([case(clean), *levels], ignore_index=True)
-    run = stressed("svm", 1.0, {"noise": 0.0}, tables={"labels": labels})
+    labels = pd.concat([rows_of_case(clean), *levels], ignore_index=True)
+    run = make_stress_run("svm", 1.0, {"noise": 0.0}, tables={"labels": labels})
     lost = points_lost([run], ("noise",), 2, ROBOT, "under")
     assert lost.to_dict("index") == {
         ("noise", 1): {"1": 0, "2": 0, "3": 0},
@@ -109,7 +118,7 @@ def test_points_that_are_lost_under_faults_by_hand():
 
 
 def table(mistakes, of=4, gestures="abcd"):
-    """``of`` captures of each gesture by each person; ``mistakes``: for each person, ``ab`` is an a labelled b."""
+    """``of`` captures of each gesture by each person; the mistake ``ab`` is an a labelled b."""
     rows = []
     for person, wrong in enumerate(mistakes, 1):
         for true in gestures:
@@ -141,8 +150,9 @@ def test_an_abstention_is_in_no_group_and_no_confusion():
 
 
 def test_the_pair_with_the_most_confusions_per_pair_of_captures_is_merged():
-    # 12 captures of each. a and b: 5 mutual confusions / (12 * 12). Then ab and c: 4 / (24 * 12), c and d: 3 / (12 *
-    # 12), so c and d are merged although ab and c have more confusions. The order is the same without any one person.
+    # 12 captures of each. a and b: 5 mutual confusions / (12 * 12). Then ab and c: 4 / (24 * 12),
+    # c and d: 3 / (12 * 12), so c and d are merged although ab and c have more confusions. The
+    # order is the same without any one person.
     found = accuracy_by_grouping(table(["ab ba ac bc cd", "ab ba ca dc", "ab ac dc"]))
     assert found["grouping"].tolist() == [
         (("a",), ("b",), ("c",), ("d",)),
@@ -154,7 +164,8 @@ def test_the_pair_with_the_most_confusions_per_pair_of_captures_is_merged():
         and (found["same"] == 3).all()
         and (found["subjects"] == 3).all()
     )
-    # Of 16 captures of each person correct: 11, 12, 13; with a and b merged 13, 14, 14; with both merged 14, 15, 15.
+    # Of 16 captures of each person, correct are 11, 12, 13; with a and b merged 13, 14, 14; with
+    # both merged 14, 15, 15.
     assert found["accuracy"].tolist() == pytest.approx([100 * n / 48 for n in (36, 41, 44)])
     assert found["largest"].tolist() == pytest.approx([25, 50, 50])
     assert found[["low", "high"]].isna().all(axis=None)  # of three people
@@ -172,7 +183,7 @@ def by_hand(tested, grouping):
 @given(seed=st.integers(0, 10**6), counts=st.lists(st.integers(1, 3), min_size=3, max_size=4))
 def test_nothing_of_a_person_decides_on_the_groups_of_that_person(seed, counts):
     people = [
-        made_up(1, count, 0.6, seed + i, windows=2, gestures="abcd").assign(
+        make_predictions(1, count, 0.6, seed + i, windows=2, gestures="abcd").assign(
             subject=str(i), fold=str(i)
         )
         for i, count in enumerate(counts)
@@ -188,9 +199,9 @@ def test_nothing_of_a_person_decides_on_the_groups_of_that_person(seed, counts):
 
 
 def test_all_seeds_of_the_most_accurate_system_are_used(store):
-    tracked_run(store, "lda", with_hits([12, 13, 14, 13, 13]))
+    tracked_run(store, "lda", predictions_with_hits([12, 13, 14, 13, 13]))
     for seed, hits in enumerate(([16, 17, 18, 17, 17], [18, 17, 16, 17, 17])):
-        tracked_run(store, "rf", with_hits(hits), seed=str(seed))
+        tracked_run(store, "rf", predictions_with_hits(hits), seed=str(seed))
     found = bench.groups(data="synth")
     assert found["accuracy"][0] == pytest.approx(85) and found["low"][0] == pytest.approx(85)
     assert bench.groups(model="lda")["accuracy"][0] == pytest.approx(65)

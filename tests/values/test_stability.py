@@ -1,4 +1,4 @@
-"""The analysis of `bench stress` on made-up tables: planted failures are found, absent ones are not."""
+"""The analysis of `bench stress` on made-up tables: planted failures are found, others are not."""
 
 from itertools import product
 
@@ -15,7 +15,7 @@ from bench.values.stability import (
     half_margins,
     score_slices,
 )
-from tests.results import under_stress
+from tests.reading.results import analyse_labels
 
 WORDS = {"under": "fault"}
 
@@ -29,7 +29,7 @@ def made_up(
     faults=("noise", "shift"),
     length=lambda rng: 100,
 ):
-    """A table whose captures are right with one probability, or with that of ``failing(row)`` where it gives one."""
+    """A table whose captures are right with one probability, or with that of ``failing(row)``."""
     rng = np.random.default_rng(seed)
     captures = product(
         range(subjects), ("pat", "rub", "tap", "hit"), ("fur", "none"), range(repetitions // 2)
@@ -52,7 +52,7 @@ def made_up(
 
 
 def found_in(table):
-    return under_stress(table).tables["slices"].set_index("slice")
+    return analyse_labels(table).tables["slices"].set_index("slice")
 
 
 @pytest.mark.parametrize(
@@ -147,7 +147,7 @@ def test_groups_are_tested_in_each_circumstance_as_if_it_were_the_only_one():
 
 
 def test_small_slices_of_weak_methods_that_could_never_fail_are_not_tested():
-    """Twelve captures of six subjects, each right one time in five: even with none right the binomial p is 0.8^12."""
+    """Twelve captures of six subjects, right one time in five: the lowest binomial p is 0.8^12."""
     rows = [
         (str(s), 100 * s + c, "a" if c < 2 else "b", c % 5 == 0)
         for s in range(6)
@@ -224,7 +224,7 @@ def test_length_and_training_subjects():
     fewer = table[table["case"] == "none"].assign(
         train_subjects=3, predicted="else", circumstance="train_subjects"
     )
-    tables = (one := under_stress(pd.concat([table, fewer], ignore_index=True))).tables
+    tables = (one := analyse_labels(pd.concat([table, fewer], ignore_index=True))).tables
     frames = tables["conditions"][tables["conditions"]["factor"] == "frames"]
     units = clean_labels(tables["labels"])
     assert len(frames) == 5 and frames["captures"].sum() == units["capture"].nunique()
@@ -234,4 +234,4 @@ def test_length_and_training_subjects():
     assert tables["learning"]["accuracy"].tolist() == [0, one["accuracy"]]
     assert one["accuracy"] == pytest.approx((units["true"] == units["predicted"]).mean())
     assert one["chance"] == chance_accuracy(units) == 0.25
-    assert "frames" not in set(under_stress(made_up()).tables["conditions"]["factor"])
+    assert "frames" not in set(analyse_labels(made_up()).tables["conditions"]["factor"])

@@ -1,4 +1,4 @@
-"""Scores by hand, beside scikit-learn and scipy; few people give no interval and no p value, and a sentence says so."""
+"""Scores by hand and against scikit-learn and scipy; few people give no interval and no p value."""
 
 import numpy as np
 import pandas as pd
@@ -12,9 +12,9 @@ from bench.reports.comparison import comparison_table, score_rows
 from bench.values import few, intervals, scores
 from bench.values.columns import run_columns
 from bench.values.intervals import ratio_interval
-from tests.results import evaluated, with_hits
+from tests.reading.results import make_run, predictions_with_hits
 
-# Two subjects, three captures, classes a and b. Capture 0 has three windows that vote a, a, b but whose mean says b.
+# Two subjects, three captures, classes a and b. Three windows of capture 0 vote a, a, b; their mean is b.
 PREDICTIONS = pd.DataFrame(
     [
         ("1", 0, 0, 10, "a", "1", 0.6, 0.4),
@@ -127,11 +127,14 @@ def test_below_five_people_there_is_no_interval_and_below_six_no_p(people):
 def test_the_accuracy_that_users_see_is_the_mean_over_subjects_with_its_t_interval():
     hits = [5, 20, 11, 8, 16]
     table = pd.concat(
-        [with_hits(hits), with_hits([0, 0, 0, 0, 12], 12).query("subject == '5'").assign(fold="6")]
+        [
+            predictions_with_hits(hits),
+            predictions_with_hits([0, 0, 0, 0, 12], 12).query("subject == '5'").assign(fold="6"),
+        ]
     )
     each = np.array([5, 20, 11, 8]) / 20
     each = 100 * np.append(each, 28 / 32)  # the fifth subject has more captures than the others
-    run = evaluated(predictions=table)
+    run = make_run(predictions=table)
     ends = stats.t.interval(0.95, 4, each.mean(), stats.sem(each))
     assert run_columns()[0].value_of_row(run) == pytest.approx(
         (each.mean(), ends[0], min(ends[1], 100))
