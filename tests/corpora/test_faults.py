@@ -201,6 +201,6 @@ def test_a_fault_of_ones_own_is_one_function(monkeypatch):
     def dusk(frames, amount, rng):
         return frames * np.float32(1 - amount / 100)
 
-    known = faults.all_faults()["dusk"]
+    known = faults.FAULTS["dusk"]
     assert known.describe(2) == "20 % darker"
     assert known.apply(np.ones((1, 1, 1), np.float32), 2, "1", 1, 50.0) == pytest.approx(0.8)

@@ -211,7 +211,6 @@ def test_lines_are_counted_across_blocks(tmp_path, monkeypatch):
     for count in (1, 60):
         refused("table", csv(tmp_path, GOOD[0], *[""] * count, GOOD[1]), "line 3")
         assert read(csv(tmp_path, *GOOD, *[""] * count)).lengths.tolist() == [2]
-    monkeypatch.setattr("bench.corpora.read.rows.AT_ONCE", 1)
     refused("table", csv(tmp_path, *GOOD, "ann,pat,0,arm,-1,2"), "line 4", "a")
     refused("table", parquet(tmp_path, a=[1, -1]), "row 2", "a")
     refused(

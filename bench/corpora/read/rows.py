@@ -1,7 +1,7 @@
 """Tables with one frame per row, read as labels and checked sensor values.
 
-CSV and parquet files are read in blocks: a long recording fits into memory as sensor values, and a
-file that is no table costs one block, whatever it would expand to.
+CSV files are read in blocks, so that only their sensor values must fit into memory. Parquet files
+are refused if they would unpack to far more than their own size.
 """
 
 from __future__ import annotations
@@ -39,7 +39,6 @@ from bench.ground.progress import warn
 SEPARATORS = ",;\t"  # of a CSV file
 BLOCK = 8 << 20  # bytes of a CSV file that are parsed at once, at least a line
 MOST_HEADER = 4 << 20  # bytes
-AT_ONCE = 1 << 22  # values of a parquet file that are unpacked at once
 TEXT = pa.dictionary(pa.int32(), pa.string())  # each word once, so that repeated ones take no room
 BYTES_PER_VALUE = 4  # in memory: a number, or the code of a word
 DAMAGED_PARQUET = "not a readable parquet file ({}); save it again"
@@ -241,9 +240,9 @@ def _is_text(kind: pa.DataType) -> bool:
     return is_string or is_bytes or kinds.is_fixed_size_binary(kind)
 
 
-def _check_types(schema: pa.Schema, names: list[str], numbers: set[str], place: str) -> None:
+def _check_types(schema: pa.Schema, numbers: set[str], place: str) -> None:
     """Refuse columns that hold neither text nor numbers; those of ``numbers`` must hold numbers."""
-    for name, kind in zip(names, schema.types, strict=True):
+    for name, kind in zip(schema.names, schema.types, strict=True):
         if name in numbers and not (kinds.is_integer(kind) or kinds.is_floating(kind)):
             raise InputError(
                 f"{place}: {one_line(name, 60)} is not a column of numbers; correct it"
@@ -256,22 +255,17 @@ def _check_types(schema: pa.Schema, names: list[str], numbers: set[str], place: 
             )
 
 
-class PandasTable(Table):
+class ArrowTable(Table):
     """A table in memory, which messages call ``label``."""
 
-    def __init__(self, table: pd.DataFrame, label: str, row: str = "row") -> None:
-        self.columns, self.header_prefix, self.row_prefix = [*table], label, f"{label}, {row}"
-        try:
-            self._rows = pa.Table.from_pandas(table, preserve_index=False).combine_chunks()
-        except (pa.ArrowException, TypeError, ValueError) as e:
-            raise InputError(
-                f"{label}: a column holds mixed or unknown values ({one_line(e)}); correct it"
-            ) from e
+    def __init__(self, rows: pa.Table, label: str, row: str = "row") -> None:
+        self.columns = [name.strip() for name in rows.column_names]
+        self.header_prefix, self.row_prefix = label, f"{label}, {row}"
+        self._rows = rows.rename_columns(self.columns)
 
     def read_batches(self, channels: list[str]) -> Iterator[pa.RecordBatch]:
-        """Yield the whole table."""
-        numbers = {*channels, "frame"}
-        _check_types(self._rows.schema, self.columns, numbers, self.header_prefix)
+        """Yield the rows as they lie in memory."""
+        _check_types(self._rows.schema, {*channels, "frame"}, self.header_prefix)
         yield from (batch for batch in self._rows.to_batches() if len(batch))
 
     def label_columns(self) -> pd.DataFrame:
@@ -279,41 +273,38 @@ class PandasTable(Table):
         return self._as_labels(self._rows)
 
 
-class ParquetTable(Table):
-    """A parquet file, whose sizes and types are checked before anything is unpacked.
+def table_from_pandas(table: pd.DataFrame, label: str, row: str = "row") -> ArrowTable:
+    """A pandas table; messages call it ``label`` and its rows ``row``."""
+    try:
+        rows = pa.Table.from_pandas(table, preserve_index=False)
+    except (pa.ArrowException, TypeError, ValueError) as e:
+        raise InputError(
+            f"{label}: a column holds mixed or unknown values ({one_line(e)}); correct it"
+        ) from e
+    return ArrowTable(rows, label, row)
 
-    An index that pandas stored is none of its columns.
+
+def table_from_parquet(path: Path) -> ArrowTable:
+    """A parquet file, without an index that pandas stored.
+
+    Raises:
+        InputError: it is damaged, or would unpack to more than its size explains.
     """
-
-    def __init__(self, path: Path) -> None:
-        name = file_name(path)
-        self.path, self.header_prefix, self.row_prefix = path, name, f"{name}, row"
-        with refuse_damage(path, DAMAGED_PARQUET), pq.ParquetFile(path) as file:
-            metadata, schema = file.metadata, file.schema_arrow
-            groups = [metadata.row_group(i) for i in range(metadata.num_row_groups)]
-            values = sum(group.num_rows for group in groups) * metadata.num_columns
-            packed = sum(group.total_byte_size for group in groups)
-            index = (schema.pandas_metadata or {}).get("index_columns", [])  # a range is no column
+    with refuse_damage(path, DAMAGED_PARQUET), pq.ParquetFile(path) as file:
+        metadata, schema = file.metadata, file.schema_arrow
+        groups = [metadata.row_group(i) for i in range(metadata.num_row_groups)]
+        values = sum(group.num_rows for group in groups) * metadata.num_columns
+        packed = sum(group.total_byte_size for group in groups)
         check_unpacked_size(max(values * BYTES_PER_VALUE, packed), path, "save it as CSV")
-        self._schema = pa.schema([field for field in schema if field.name not in index])
-        self.columns = [name.strip() for name in self._schema.names]
-        check_column_names(self.columns, self.header_prefix)
-
-    def read_rows(self, channels: list[str], full_scale: float, optional: str = "") -> Self:
-        """Read all rows, as `Table.read_rows` does."""
-        with refuse_damage(self.path, DAMAGED_PARQUET):
-            return super().read_rows(channels, full_scale, optional)
-
-    def read_batches(self, channels: list[str]) -> Iterator[pa.RecordBatch]:
-        """Yield rows as they are unpacked."""
-        _check_types(self._schema, self.columns, {*channels, "frame"}, self.header_prefix)
-        text = [field.name for field in self._schema if _is_text(field.type)]
-        rows = max(1, AT_ONCE // len(self.columns))
-        with pq.ParquetFile(
-            self.path, read_dictionary=text, page_checksum_verification=True
-        ) as file:
-            batches = file.iter_batches(rows, columns=self._schema.names)
-            yield from (batch for batch in batches if len(batch))
+        index = (schema.pandas_metadata or {}).get("index_columns", [])  # a range is no column
+        columns = [field.name for field in schema if field.name not in index]
+        text = [field.name for field in schema if _is_text(field.type)]
+        rows = pq.read_table(
+            path, columns=columns, read_dictionary=text, page_checksum_verification=True
+        )
+    table = ArrowTable(rows, file_name(path))
+    check_column_names(table.columns, table.header_prefix)
+    return table
 
 
 class CsvTable(Table):

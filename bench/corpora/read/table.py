@@ -21,7 +21,13 @@ from bench.corpora.read.limits import (
     first_names,
     source_info,
 )
-from bench.corpora.read.rows import CsvTable, PandasTable, ParquetTable, Table, categories_as_text
+from bench.corpora.read.rows import (
+    CsvTable,
+    Table,
+    categories_as_text,
+    table_from_pandas,
+    table_from_parquet,
+)
 from bench.errors import InputError, one_line, shorten
 from bench.ground.scratch import write_then_rename
 
@@ -167,7 +173,7 @@ def corpus_from_table(
         capture = (table["capture"] != table["capture"].shift()).cumsum()
         table = table.assign(frame=table.groupby(capture).cumcount())
         names.append("frame")
-    rows = PandasTable(table[[*names, *channels]], label).read_rows(channels, full_scale)
+    rows = table_from_pandas(table[[*names, *channels]], label).read_rows(channels, full_scale)
     return _as_unlabelled(_as_captures(rows, grid, rate_hz, full_scale))
 
 
@@ -213,7 +219,7 @@ def read_table_rows(
         optional: column in which cells may be empty.
     """
     is_parquet = path.suffix.lower() == ".parquet"
-    table: Table = ParquetTable(path) if is_parquet else CsvTable(path, file_name(path))
+    table: Table = table_from_parquet(path) if is_parquet else CsvTable(path, file_name(path))
     check_columns(table.columns, required, table.header_prefix)
     channels = channel_columns(table.columns, size, table.header_prefix)
     too_few = len(table.columns) < len(channels) + len(required)
@@ -312,7 +318,7 @@ def _read_arrays(
     columns = {  # NumPy's own conversion ends a text at its first zero
         key: array.tolist() if array.dtype.kind in "US" else array for key, array in arrays.items()
     }
-    captures = PandasTable(pd.DataFrame(columns), name, "capture").label_columns()
+    captures = table_from_pandas(pd.DataFrame(columns), name, "capture").label_columns()
     values = checked_values(frames, full_scale, name, "frame")
     starts, lengths = offsets[:-1].astype(np.int64), np.diff(offsets.astype(np.int64))
     return Corpus(values, starts, lengths, categories_as_text(captures), rate_hz, full_scale)
