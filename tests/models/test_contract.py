@@ -14,7 +14,7 @@ from bench.features.jung28 import Jung28
 from bench.models.adapters import FromSeries, FromTorch
 from bench.models.search.auto import Auto
 from bench.models.series import Series
-from tests.models.test_systems import flattened, linear
+from tests.models.test_systems import flatten_series, make_linear
 
 
 class Given(ClassifierMixin, BaseEstimator):
@@ -130,7 +130,7 @@ def test_a_method_is_known_by_the_names_of_its_parameters_others_are_the_authors
 
 
 def test_a_classifier_of_series_is_given_them_in_one_length(corpus):
-    neighbours = make_pipeline(FunctionTransformer(flattened), KNeighborsClassifier(3))
+    neighbours = make_pipeline(FunctionTransformer(flatten_series), KNeighborsClassifier(3))
     model = FromSeries(neighbours, "both", 25).fit(corpus, corpus.gestures)
     series = Series("both", 25).fit(corpus).transform(corpus).astype(float)
     expected = neighbours.fit(series, corpus.gestures.astype(str)).predict_proba(series)
@@ -139,12 +139,12 @@ def test_a_classifier_of_series_is_given_them_in_one_length(corpus):
 
 
 def test_a_module_is_made_for_the_window_and_trained(corpus):
-    model = FromTorch(module=linear, frames=5, batch=8, rate=0.01, epochs=20).fit(
+    model = FromTorch(module=make_linear, frames=5, batch=8, rate=0.01, epochs=20).fit(
         corpus, corpus.gestures
     )
     assert (model.predict(corpus) == corpus.gestures).mean() > 0.7 and len(model.history_) == 20
     assert model.parameters_ == 5 * 64 * 3 + 3
     assert (
         contract.window_frames(model, 100.0) == 5
-        and contract.window_frames(FromTorch(module=linear, seconds=0.5), 100.0) == 50
+        and contract.window_frames(FromTorch(module=make_linear, seconds=0.5), 100.0) == 50
     )
