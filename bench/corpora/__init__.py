@@ -1,4 +1,4 @@
-"""The corpora: the value, where it is kept, one file per format that can be imported, and the generator.
+"""Corpora: the value, where it is stored, a reader for each format, and the generator.
 
 Nothing is imported before it is used.
 """

@@ -50,8 +50,7 @@ class Corpus:
 
     A slice shares its frames with the corpus it was cut from; `frames` and `starts` cover its own
     captures only. Indexing with an integer gives the frames of one capture, indexing with an array,
-    a mask or a slice gives a `Corpus`. With ``len`` and ``shape`` that is what scikit-learn needs to
-    use a corpus as ``X``.
+    a mask or a slice gives a `Corpus`. With ``len`` and ``shape``, scikit-learn takes it as ``X``.
 
     A blind corpus (`blind`) has frames, starts, lengths, rate_hz, full_scale and grid. Any other
     attribute raises a `bench.errors.HiddenError`.
@@ -169,9 +168,9 @@ class Corpus:
         if "frames" in fields and "starts" not in fields:
             lengths = np.asarray(fields.get("lengths", self.lengths))
             fields["starts"] = np.cumsum(lengths) - lengths
-        return self._with(**fields)
+        return self._copy_with(**fields)
 
-    def _with(self, **fields: object) -> Corpus:
+    def _copy_with(self, **fields: object) -> Corpus:
         new = object.__new__(type(self))
         new.__dict__.update(self.__dict__)
         new.__dict__.pop("_compacted", None)
@@ -191,7 +190,7 @@ class Corpus:
         """
         if self.visible is not None:
             visible = tuple(name for name in visible if name in self.visible)
-        return self._with(visible=tuple(visible))
+        return self._copy_with(visible=tuple(visible))
 
     @property
     def is_blind(self) -> bool:
@@ -240,7 +239,7 @@ class Corpus:
 
     @property
     def captures(self) -> pd.DataFrame:
-        """Subject, gesture and conditions of each capture; of a blind corpus its visible columns."""
+        """Subject, gesture and conditions of each capture; if blind, the visible columns."""
         if self.visible is None:
             return self._captures
         if not self.visible:
@@ -295,7 +294,7 @@ class Corpus:
         return (self[i] for i in range(len(self)))
 
     def select(self, where: str) -> Corpus:
-        """Captures whose columns satisfy a condition such as ``variant == 'rough' and subject in ['1', '2']``.
+        """Captures that satisfy a condition, such as ``cover == 'fur' and subject in ['1', '2']``.
 
         A condition can do nothing except compare: it is the part of pandas' queries that
         `bench.corpora.where` evaluates.
@@ -368,7 +367,7 @@ class Corpus:
 
 def unblind(corpus: Corpus) -> Corpus:
     """The same captures with labels, subjects and origin, for caches and checks of the harness."""
-    return corpus._with(visible=None)
+    return corpus._copy_with(visible=None)
 
 
 def shared_frames(corpus: Corpus) -> tuple[np.ndarray, np.ndarray]:

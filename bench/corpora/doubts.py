@@ -99,9 +99,7 @@ def _doubt_grid(grid: tuple[int, int], some: list[np.ndarray]) -> Iterator[str]:
         correlations = np.corrcoef(np.concatenate(changes).T)
     taxels = grid[0] * grid[1]
     sides = [rows for rows in range(2, taxels // 2 + 1) if taxels % rows == 0]
-    fits = {
-        (rows, taxels // rows): _grid_fit(correlations, rows, taxels // rows) for rows in sides
-    }
+    fits = {(rows, taxels // rows): _grid_fit(correlations, rows, taxels // rows) for rows in sides}
     best = max(fits, key=fits.__getitem__)
     if fits[best] > max(LEAST_CORRELATION, BETTER_FIT * fits[grid]):
         size = f"{best[0]}x{best[1]}"

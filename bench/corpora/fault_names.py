@@ -1,10 +1,9 @@
 """Names of the faults, apart from `bench.corpora.faults`, so that help need not load SciPy."""
 
-FAULT_NAMES = tuple(
-    (
-        "dead_taxels stuck_taxels dead_lines gain_drift offset_drift saturation noise fewer_bits dropped_frames "
-        "lower_rate time_jitter late_start early_end shift rotation smaller_grid cover"
-    ).split()
+FAULT_NAMES = (
+    *("dead_taxels", "stuck_taxels", "dead_lines", "gain_drift", "offset_drift", "saturation"),
+    *("noise", "fewer_bits", "dropped_frames", "lower_rate", "time_jitter", "late_start"),
+    *("early_end", "shift", "rotation", "smaller_grid", "cover"),
 )
 MORE_FAULT_NAMES = ("vibration", "drift", "noisy_region")  # only by name: not part of `ALL_FAULTS`
 SHORTENING_FAULTS = ("dropped_frames", "late_start", "early_end")  # they remove frames

@@ -305,7 +305,7 @@ def early_end(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np
 
 @fault("taxels", 0.5, 1, 1.5, 2, 3, sensor=True)
 def shift(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
-    """The sensor sits elsewhere: touch moves in a random direction; what is beyond the edge is 0."""
+    """The sensor sits elsewhere: touch moves in a random direction; beyond the edge it is lost."""
     direction = rng.uniform(0, 2 * np.pi)
     row, col = np.indices(frames.shape[1:])
     return _read_at(frames, row - amount * np.sin(direction), col - amount * np.cos(direction))
@@ -397,7 +397,7 @@ def _raise_frames(frames: np.ndarray, change: np.ndarray) -> np.ndarray:
 
 @fault("% of the taxels", 2, 5, 10, 20, 40, sensor=True, later=True)
 def noisy_region(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
-    """One region has bad contact: noise, SD 2 % of full scale, on a rectangle shaped as the grid."""
+    """One region has bad contact: noise, SD 2 % of full scale, on a rectangle like the grid."""
     if amount == 0:
         return frames
     _, rows, cols = frames.shape

@@ -113,8 +113,8 @@ def find_damage(folder: Path) -> dict[str, str]:
     try:
         _, files = _read_fields(folder)
     except InputError:
-        unknown = dict.fromkeys(FILES, "cannot be checked without corpus.json")
-        return {"corpus.json": "corpus.json cannot be read or differs from what was stored"} | unknown
+        defect = "cannot be read or differs from what was stored"
+        return {"corpus.json": defect} | dict.fromkeys(FILES, "cannot be checked without it")
     defects = {"corpus.json": ""}
     defects |= {name: _find_defect(folder / name, *file) for name, file in files.items()}
     if defects["frames.npy"]:  # without a seal they are hashed, however the file looks
@@ -155,20 +155,20 @@ def _checksum(fields: dict, stored: dict) -> str:
     return hashlib.sha256(json.dumps([fields, stored], sort_keys=True).encode()).hexdigest()
 
 
-def _seal(folder: Path, sha256: str) -> list:
+def _make_seal(folder: Path, sha256: str) -> list:
     """SHA-256, size, times (ctime cannot be set back) and inode of the frames."""
     status = (folder / "frames.npy").stat()
     return [sha256, status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino]
 
 
 def _write_seal(folder: Path, sha256: str) -> None:
-    (folder / "seal.json").write_text(json.dumps(_seal(folder, sha256)))
+    (folder / "seal.json").write_text(json.dumps(_make_seal(folder, sha256)))
 
 
 def _is_sealed(folder: Path, sha256: str) -> bool:
     """True if the frames look as they did when they were last hashed."""
     try:
-        return json.loads((folder / "seal.json").read_bytes()) == _seal(folder, sha256)
+        return json.loads((folder / "seal.json").read_bytes()) == _make_seal(folder, sha256)
     except (OSError, ValueError):  # a kill may leave half a seal
         return False
 

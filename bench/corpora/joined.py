@@ -1,4 +1,4 @@
-"""Several corpora as one: captures of one sensor, converted to full scale, rate and grid of another.
+"""Several corpora as one: captures of a sensor at the full scale, rate and grid of another.
 
 Nothing is learnt, and each converted capture depends on one original capture alone. What the other
 sensor cannot measure is lost.

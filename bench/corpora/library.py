@@ -60,8 +60,9 @@ def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus:
     try:
         corpus = reader(source, **arguments)
     except OSError as e:
-        reason = e.strerror or e
-        raise InputError(f"{one_line(source, 160)}: cannot be read ({reason}); check the path") from e
+        raise InputError(
+            f"{one_line(source, 160)}: cannot be read ({e.strerror or e}); check the path"
+        ) from e
     if changes:
         if corpus.info.get(ASIDE):
             raise InputError(f"{next(iter(changes))}=: {kind} is imported whole; leave it out")

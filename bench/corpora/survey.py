@@ -52,7 +52,7 @@ class Survey:
 
     @cached_property
     def factors(self) -> list[str]:
-        """Columns that ``counts`` crosses: subject, gesture, and text that repeats, no ``split``."""
+        """Columns that ``counts`` crosses: subject, gesture, and text that repeats."""
         captures, factors = self.corpus.captures, ["subject", "gesture"]
         combinations = captures[factors].nunique().prod()
         texts = captures.drop(columns=[*factors, "split", "captures", "corpus"], errors="ignore")
@@ -109,7 +109,7 @@ class Survey:
 
     @cached_property
     def means(self) -> np.ndarray:
-        """Mean pressure of each gesture, each frame counted once, float64 [gestures, rows, cols]."""
+        """Mean pressure over the frames of each gesture, float64 [gestures, rows, cols]."""
         frames = np.bincount(self._code, self.corpus.lengths)
         sums = self._by_gesture(self._statistics["sum"]).sum().to_numpy()
         return (sums / frames[:, None]).reshape(-1, *self.corpus.grid)
@@ -217,7 +217,7 @@ class Survey:
 
     @cached_property
     def _statistics(self) -> dict[str, np.ndarray]:
-        """Of each capture and taxel: extremes, sum, frames at full scale, squares around the mean."""
+        """Statistics of the readings, each [captures, taxels]; ``squares`` are around the mean."""
         parts = []
         for capture in self.corpus:
             frames = capture.reshape(len(capture), -1)
@@ -307,7 +307,7 @@ class Survey:
         return [summary, *_first_lines(lines)]
 
     def repeat_warnings(self) -> list[str]:
-        """A warning if one recording is in the corpus twice, unless captures are equal by chance."""
+        """A warning if one recording is in the corpus twice, not if equal by chance."""
         if self.duplicates["quiet"].all():
             return []
         return [". ".join(map(str.strip, self.duplicate_lines()[:2]))]

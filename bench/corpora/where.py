@@ -108,7 +108,7 @@ def _mask(node: ast.expr, table: pd.DataFrame) -> pd.Series:
             args=values,
             keywords=[],
         ):
-            return getattr(table[name], method)(*map(_literal, values))
+            return getattr(table[name], method)(*map(_evaluate_literal, values))
         case ast.Call(
             func=ast.Attribute(
                 value=ast.Attribute(value=ast.Name(id=name), attr="str"), attr=method
@@ -123,7 +123,8 @@ def _mask(node: ast.expr, table: pd.DataFrame) -> pd.Series:
 def _compare(left: ast.expr, operator: ast.cmpop, right: ast.expr, table: pd.DataFrame) -> Any:
     """Compare columns, text and numbers; equal to a list is what is in it, as pandas reads it."""
     one, other = (
-        table[side.id] if isinstance(side, ast.Name) else _literal(side) for side in (left, right)
+        table[side.id] if isinstance(side, ast.Name) else _evaluate_literal(side)
+        for side in (left, right)
     )
     if isinstance(operator, ast.In | ast.NotIn) and not isinstance(other, list | tuple):
         raise SyntaxError(f"{ast.unparse(right)[:36]!r} is not a list such as ['1', '2']")
@@ -137,7 +138,7 @@ def _compare(left: ast.expr, operator: ast.cmpop, right: ast.expr, table: pd.Dat
     return COMPARISONS[type(operator)](one, other)
 
 
-def _literal(node: ast.expr) -> Any:
+def _evaluate_literal(node: ast.expr) -> Any:
     """Text, a number, or a list of these."""
     try:
         return ast.literal_eval(node)

@@ -1,7 +1,8 @@
 """Steps that captures go through before a system, and windows of captures.
 
-A step is called with a `Corpus` and returns another one, with the captures in the same order. It learns nothing, so it
-does the same in training and in tests. Each resulting capture depends on one original capture alone.
+A step is called with a `Corpus` and returns another one, with the captures in the same order. It
+learns nothing, so it does the same in training and in tests. Each resulting capture depends on one
+original capture alone.
 """
 
 from __future__ import annotations
