@@ -229,7 +229,7 @@ def check_shuffled_labels(audited: AuditedSystem) -> str:
     return sentence
 
 
-def check_parameters(audited: AuditedSystem) -> str:
+def check_cloning(audited: AuditedSystem) -> str:
     """Clone the system, set its parameters, and compare them after the fit."""
     system: Any = audited.cell.estimator()
     if not hasattr(system, "get_params"):
@@ -341,7 +341,7 @@ CHECKS: dict[str, tuple[Callable[[AuditedSystem], str], str]] = {
     "equal seeds": (check_seeds, "labels and probabilities"),
     "training order": (check_training_order, "equal seeds"),
     "shuffled labels": (check_shuffled_labels, "labels and probabilities"),
-    "clone and parameters": (check_parameters, ""),
+    "clone and parameters": (check_cloning, ""),
     "no state between fits": (check_state, "equal seeds"),
     "test captures": (check_test_captures, "equal seeds"),
     "another grid and rate": (check_other_sensor, "labels and probabilities"),

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING
 
 import pandas as pd
 
 from bench import contract
 from bench.corpora.corpus import Corpus
-from bench.plan.cells import Cell
-from bench.plan.plan import Fold, Plan
 from bench.plan.splits import Tested
 from bench.running.fitted import FittedFold
 from bench.running.fold import (
@@ -17,20 +16,24 @@ from bench.running.fold import (
     find_batch_effects,
     fit_timed,
     limit_threads,
-    measure_footprint,
     measure_latency,
+    memory_metrics,
     predictions_table,
 )
 from bench.running.results import (
     FoldResult,
     combine_costs,
+    concat_fold_tables,
     format_traceback,
-    join_tables,
     score_run,
 )
 from bench.values import scores
 from bench.values.result import LABELS_TABLE, Result
 from bench.values.stability import clean_labels, find_failing_slices
+
+if TYPE_CHECKING:  # the code of plans is not that of numbers
+    from bench.plan.cells import Cell
+    from bench.plan.plan import Fold, Plan
 
 ALL_FOLDS = "all"  # fold of windows that a protocol deals to folds: a label needs all of a capture
 
@@ -42,7 +45,7 @@ def evaluate_fold(cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldR
     system, result = fit_and_predict(cell, corpus, fold, threads)
     fitted = FittedFold(cell, corpus, fold, system, result.table, threads)
     if cell.circumstances:
-        result.tables = {LABELS_TABLE: fitted.clean_rows()}
+        result.tables = {LABELS_TABLE: fitted.label_unchanged()}
     for circumstance in cell.circumstances:
         try:
             case_result = circumstance.evaluate_fold(fitted)
@@ -53,7 +56,7 @@ def evaluate_fold(cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldR
         result.metrics |= case_result.metrics
         result.times |= case_result.times
         result.batch_effects += case_result.batch_effects
-        result.tables = join_tables([result, case_result])
+        result.tables = concat_fold_tables([result, case_result])
         result.tracked_metrics |= metrics
     result.tracked_metrics |= scores.fold_accuracies(result.table) | combine_costs([result])
     return result
@@ -90,7 +93,7 @@ def fit_and_predict(
     with limit_threads(1):
         longest = int(predictions["frames"].max())
         times, pace = measure_latency(system, corpus[fold.test], longest)
-    metrics |= measure_footprint(system, corpus) | pace
+    metrics |= memory_metrics(system, corpus) | pace
     if (seconds := contract.search_seconds(system)) is not None:
         metrics["search_seconds"] = seconds
     return system, FoldResult(
@@ -116,7 +119,7 @@ def measure_run(plan: Plan, about: Mapping[str, str], folds: list[FoldResult]) -
     rate_hz, circumstances = plan.corpus.rate_hz, plan.cell.circumstances
     seconds = [name for each in circumstances for name in each.timing_metrics]
     scored, tables, unit = score_run(folds, rate_hz, seconds)
-    fold_tables = join_tables(folds)
+    fold_tables = concat_fold_tables(folds)
     numbers: dict[str, float] = {}
     failed = {key for fold in folds for key in fold.failed}
     if complete := [each for each in circumstances if each.key not in failed]:

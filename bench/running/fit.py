@@ -21,8 +21,8 @@ from bench.plan.plan import Plan, captures_of_cell, check_system, usable_cores
 from bench.running.fold import (
     fit_timed,
     limit_threads,
-    measure_footprint,
     measure_latency,
+    memory_metrics,
     reset_peak_memory,
 )
 from bench.running.replay import Stopping, learn_stopping_rule, why_unlearnable
@@ -97,7 +97,7 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True, learner: Any
     with limit_threads(1):
         times, _ = measure_latency(system, corpus, int(corpus.lengths.max()))
     times = {name: times[name] for name in ("predict_ms", "decide_ms")}
-    metrics |= measure_footprint(system, corpus)
+    metrics |= memory_metrics(system, corpus)
     metrics = combine_costs([FoldResult("", metrics=metrics, times=times)])
     recogniser = Recogniser(system, corpus, rule, watcher)
     plugins = [part.name for part in (cell.model, cell.features) if part]

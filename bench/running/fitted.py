@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -10,11 +11,12 @@ import pandas as pd
 from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.corpora.fault_names import NO_FAULT
-from bench.plan.cells import Cell
-from bench.plan.plan import Fold
-from bench.running.circumstances.base import Case
 from bench.running.fold import find_batch_effects, predictions_table
 from bench.values import scores
+
+if TYPE_CHECKING:
+    from bench.plan.cells import Cell
+    from bench.plan.plan import Fold
 
 
 @dataclass(frozen=True)
@@ -38,31 +40,44 @@ class FittedFold:
         part = self.corpus[positions]
         return self.cell.estimator().fit(part, part.gestures)
 
-    def clean_rows(self) -> pd.DataFrame:
+    def label_unchanged(self) -> pd.DataFrame:
         """Labels of the unchanged test captures, a row each, as in `label_case`."""
-        return self._label_rows(self.predictions, "", Case(NO_FAULT))
+        return self._label_rows(self.predictions, "", NO_FAULT)
 
-    def label_case(self, key: str, case: Case) -> pd.DataFrame:
-        """Predict the test captures in a case; a row each (`bench.values.stability`)."""
+    def label_case(self, key: str, case: Any) -> pd.DataFrame:
+        """Predict the test captures in a case; return a row each (`bench.values.stability`).
+
+        Args:
+            key: of the circumstance.
+            case: a `bench.running.circumstances.base.Case`.
+        """
         corpus = self.corpus if case.corpus is None else case.corpus
         system = case.system or self.system
         predictions = predictions_table(system, corpus, self.fold.name, self.fold.test)
-        return self._label_rows(predictions, key, case)
+        about = case.name or key, case.level, case.amount, case.train_subjects
+        return self._label_rows(predictions, key, *about)
 
-    def _label_rows(self, predictions: pd.DataFrame, key: str, case: Case) -> pd.DataFrame:
-        train_subjects = case.train_subjects
+    def _label_rows(
+        self,
+        predictions: pd.DataFrame,
+        key: str,
+        name: str,
+        level: float = 0,
+        amount: str = "",
+        train_subjects: int | None = None,
+    ) -> pd.DataFrame:
         if train_subjects is None:
             train_subjects = len(set(self.corpus.subjects[self.fold.train]))
         return labels_with_probability(predictions).assign(
             length=self.corpus.lengths[self.fold.test],
             circumstance=key,
-            case=case.name or key,
-            level=case.level,
-            amount=case.amount,
+            case=name,
+            level=level,
+            amount=amount,
             train_subjects=train_subjects,
         )
 
-    def find_batch_effects(self, case: Case) -> list[str]:
+    def find_batch_effects(self, case: Any) -> list[str]:
         """Name changed captures whose prediction depends on others in the batch."""
         if case.corpus is None:
             return []

@@ -55,7 +55,7 @@ def seconds_metrics(name: str, times: Times, cpu_ms: float) -> dict[str, float]:
     return {f"{name}{clock}_seconds": ms / 1000 for clock, ms in milliseconds.items()}
 
 
-def measure_footprint(system: contract.System, corpus: Corpus) -> dict[str, float]:
+def memory_metrics(system: contract.System, corpus: Corpus) -> dict[str, float]:
     """Measure the sizes of a fitted system, and the memory peak since `reset_peak_memory`."""
     taxels = corpus.grid[0] * corpus.grid[1]
     sizes = measure_sizes(system, taxels, int(corpus.lengths.max()))

@@ -11,6 +11,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import partial
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -22,7 +24,6 @@ from bench import contract
 from bench.corpora.corpus import Corpus, shared_frames, untrained_classes
 from bench.ground.timing import Times, time_repeatedly
 from bench.models.search.inner_folds import split_subjects
-from bench.running.circumstances.instants import Instants
 from bench.running.fitted import FittedFold
 from bench.running.fold import (
     TIMED_CAPTURES,
@@ -35,6 +36,8 @@ from bench.running.results import FoldResult
 from bench.values.scores import PREFIX, classes_of, label_windows
 from bench.values.stopping import learn_stopping
 
+ReplayOptions = Any  # `bench.running.circumstances.instants.Instants`, which imports this file
+DEFAULT_REPLAY = SimpleNamespace(after=(), hop_ms=None, start="onset")  # of a saved system
 FIRST_MS = 62.5
 GROWTH = 2**0.5  # of the touch seen, from one instant to the next
 INNER = "3"  # groups of training subjects, each left out once
@@ -56,7 +59,7 @@ def skip_to_start(corpus: Corpus, start: str) -> Corpus:
     return without_digest(corpus, shared_frames(corpus)[1] + skipped, corpus.lengths - skipped)
 
 
-def decision_instants(replay: Instants, longest: int, rate_hz: float) -> np.ndarray:
+def decision_instants(replay: ReplayOptions, longest: int, rate_hz: float) -> np.ndarray:
     """Frames seen at each decision, rising to ``longest``, int64 [instants].
 
     Without times and a hop, it decides whenever 1.41 times as much has been seen, from 62.5 ms on.
@@ -85,7 +88,7 @@ def first_frames(corpus: Corpus, frames: int) -> Corpus:
     return without_digest(corpus, shared_frames(corpus)[1], np.minimum(corpus.lengths, frames))
 
 
-def replay_fold(replay: Instants, at: FittedFold) -> FoldResult:
+def replay_fold(replay: ReplayOptions, at: FittedFold) -> FoldResult:
     """Replay the test captures of a fold through its system, and time decisions.
 
     Its table ``replay`` is the replay table. Where stopping is learned, on training subjects alone,
@@ -220,15 +223,15 @@ class Waiting:
         right = table["true"].astype(str) == label_windows(table)["predicted"]
         last = right.groupby([table["fold"], table["capture"]], sort=False).transform("last")
         regression = Ridge(RIDGE, fit_intercept=False)
-        regression.fit(_state(table, rate_hz), last.astype(float) - right)
+        regression.fit(_decision_variables(table, rate_hz), last.astype(float) - right)
         return cls(tuple(regression.coef_.tolist()))
 
     def __call__(self, table: pd.DataFrame, rate_hz: float) -> np.ndarray:
         """Return the expected gain of each row, -1 to 1."""
-        return np.clip(_state(table, rate_hz) @ np.array(self.weights), -1, 1)
+        return np.clip(_decision_variables(table, rate_hz) @ np.array(self.weights), -1, 1)
 
 
-def _probabilities(table: pd.DataFrame) -> np.ndarray:
+def _class_probabilities(table: pd.DataFrame) -> np.ndarray:
     return table[[PREFIX + c for c in classes_of(table)]].to_numpy(dtype=np.float64)
 
 
@@ -236,9 +239,9 @@ def _milliseconds_seen(table: pd.DataFrame, rate_hz: float) -> np.ndarray:
     return 1000 / rate_hz * table["frames"].to_numpy()
 
 
-def _state(table: pd.DataFrame, rate_hz: float) -> np.ndarray:
+def _decision_variables(table: pd.DataFrame, rate_hz: float) -> np.ndarray:
     """Variables of each decision [rows, STATE]: largest probabilities, time, the label before."""
-    proba = -np.sort(-_probabilities(table), axis=1)
+    proba = -np.sort(-_class_probabilities(table), axis=1)
     proba = np.pad(proba, ((0, 0), (0, max(0, 3 - proba.shape[1]))))
     first, second, third = proba[:, :3].T
     time = np.log(_milliseconds_seen(table, rate_hz) / FIRST_MS)
@@ -254,7 +257,9 @@ def add_settledness(
     table: pd.DataFrame, calibration: Calibration, waiting: Waiting, rate_hz: float
 ) -> pd.DataFrame:
     """Add the calibrated probability of each decision's label, and how settled it is."""
-    confidence = calibration(_probabilities(table), _milliseconds_seen(table, rate_hz)).max(axis=1)
+    confidence = calibration(_class_probabilities(table), _milliseconds_seen(table, rate_hz)).max(
+        axis=1
+    )
     return table.assign(confidence=confidence, settled=np.clip(1 - waiting(table, rate_hz), 0, 1))
 
 
@@ -290,7 +295,7 @@ def learn_stopping_rule(
     make_system: Callable[[], contract.System],
     corpus: Corpus,
     train: np.ndarray,
-    replay: Instants = Instants(),  # noqa: B008 - it is frozen
+    replay: ReplayOptions = DEFAULT_REPLAY,
 ) -> tuple[Stopping, pd.DataFrame]:
     """Learn the stopping rule from the training part; no other capture is looked at.
 
@@ -309,7 +314,7 @@ def learn_stopping_rule(
     table = pd.concat(tables, ignore_index=True)
     true = np.searchsorted(classes_of(table), table["true"].to_numpy(dtype=str))
     ms = _milliseconds_seen(table, rate_hz)
-    calibration = Calibration.fit(_probabilities(table), true, ms)
+    calibration = Calibration.fit(_class_probabilities(table), true, ms)
     parts = []
     for rows in tables:  # the gain of waiting is learned from other subjects than the threshold
         others = pd.concat([other for other in tables if other is not rows], ignore_index=True)

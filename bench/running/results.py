@@ -76,12 +76,12 @@ def one_line_reason(error: str) -> str:
     return line
 
 
-def join_predictions(folds: Sequence[FoldResult]) -> pd.DataFrame:
+def concat_predictions(folds: Sequence[FoldResult]) -> pd.DataFrame:
     """Concatenate the predictions of folds."""
     return pd.concat([fold.table for fold in folds], ignore_index=True)
 
 
-def join_tables(folds: Sequence[FoldResult]) -> dict[str, pd.DataFrame]:
+def concat_fold_tables(folds: Sequence[FoldResult]) -> dict[str, pd.DataFrame]:
     """Concatenate the further tables of folds, by name."""
     parts: dict[str, list[pd.DataFrame]] = {}
     for fold in folds:
@@ -102,7 +102,7 @@ def score_run(
         Scores and costs; tables of predictions, confusions, subjects and classes; the unit of
         decisions: window or capture.
     """
-    predictions = join_predictions(folds)
+    predictions = concat_predictions(folds)
     labelled, classes = scores.label_captures(predictions), scores.classes_of(predictions)
     confusion = scores.confusion_table(labelled, classes).rename_axis("true")
     tables = {

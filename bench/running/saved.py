@@ -129,8 +129,8 @@ class Recogniser(PythonModel):
         if self.stopping is not None and self.stopping.saves:
             rows = [raw]
             if before is not None:
-                columns = {PREFIX + name: float(name == before) for name in self.classes}
-                rows = [raw.assign(**columns), raw]
+                certain = {PREFIX + name: float(name == before) for name in self.classes}
+                rows = [raw.assign(**certain), raw]
             table = pd.concat(rows, ignore_index=True)
             table = table.assign(fold="", capture=0, frames=int(corpus.lengths[0]))
             gain = self.stopping.waiting(table, self.rate_hz)[-1]

@@ -132,9 +132,8 @@ class TrackedRun:
             result = _as_read_back(result)
             path = path.with_suffix(".zip")
             _write_fold(result, path)
-            costs = combine_costs([result])
-            scores = {k: value for k, value in result.tracked_metrics.items() if k not in costs}
-            metrics = {FOLD_PREFIX + name: value for name, value in scores.items()}
+            tracked, costs = result.tracked_metrics, combine_costs([result])
+            metrics = {FOLD_PREFIX + k: value for k, value in tracked.items() if k not in costs}
             self.store.log_values(run_id, metrics, step=index)
             self.store.log_artifact(artifacts, path, FOLDS)
         self.finished_folds[result.name] = result
@@ -184,9 +183,8 @@ class TrackedRun:
         rows: list[dict[str, object]] = []
         for fold in self.plan.folds:
             result, reason = self.finished_folds.get(fold.name), self.reasons.get(fold.name, "")
-            row: dict[str, object] = {"fold": fold.name, "status": "FINISHED"}
-            if result is None or reason:
-                row["status"] = "FAILED"
+            status = "FAILED" if result is None or reason else "FINISHED"
+            row: dict[str, object] = {"fold": fold.name, "status": status}
             if result:
                 row |= {"seconds": result.seconds} | result.tracked_metrics
                 row |= result.machine._asdict() if result.machine else {}
@@ -260,12 +258,12 @@ def _grids_tag(run: Run | None, grid: str) -> dict[str, str]:
 
 def _run_name(cell: Cell) -> str:
     """Name of a run on MLflow's page: command, title, and what tells it from similar runs."""
-    words = [f"{cell.command} {cell.title()}", cell.where]
-    words.append(cell.target if cell.target != "gesture" else "")
+    target = cell.target if cell.target != "gesture" else ""
+    words = [f"{cell.command} {cell.title()}", cell.where, target]
     for measurement in cell.measurements:
         words += [f"{key}={value}" for key, value in measurement.typed_arguments().items()]
-    words.append("" if cell.seed is None else f"seed {cell.seed}")
-    return " | ".join(filter(None, words))
+    seed = "" if cell.seed is None else f"seed {cell.seed}"
+    return " | ".join(filter(None, [*words, seed]))
 
 
 def _as_read_back(result: FoldResult) -> FoldResult:

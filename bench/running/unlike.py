@@ -14,7 +14,7 @@ LEVEL = 1e-4  # of the full scale; smaller differences count little
 LEAST = np.array([LEVEL, LEVEL, LEVEL, LEVEL, LEVEL, LEVEL, 1.0])
 
 
-def capture_statistics(corpus: Corpus) -> np.ndarray:
+def reading_statistics(corpus: Corpus) -> np.ndarray:
     """Seven numbers of each capture that depend little on its gesture.
 
     Mean reading, largest reading, and least mean of a frame, in parts of the full scale; mean
@@ -41,7 +41,7 @@ def mean_gap(frames: np.ndarray, axis: int) -> float:
 
 def usual_range(corpus: Corpus) -> np.ndarray:
     """Least and largest usual value of each number [2, 7]: the range here, a little wider."""
-    numbers = capture_statistics(corpus)
+    numbers = reading_statistics(corpus)
     least, most = numbers.min(axis=0), numbers.max(axis=0)
     margin = MARGIN * (most - least) + 1e-6  # a constant number differs by rounding
     return np.stack([least - margin, most + margin])
@@ -49,5 +49,5 @@ def usual_range(corpus: Corpus) -> np.ndarray:
 
 def is_unlike_training(corpus: Corpus, usual: np.ndarray) -> np.ndarray:
     """True for captures with a number outside the usual range, bool [captures]."""
-    numbers = capture_statistics(corpus)
+    numbers = reading_statistics(corpus)
     return ((numbers < usual[0]) | (numbers > usual[1])).any(axis=1)

@@ -78,7 +78,7 @@ def code(text):
 
 def line(text):
     """An edit that adds a line to a fold."""
-    found = b"begun = time.process_time()\n"
+    found = b"started = time.process_time()\n"
     return text.replace(found, b"another = 1; " + found)
 
 

@@ -15,7 +15,7 @@ from sklearn.base import BaseEstimator, ClassifierMixin
 
 from bench.protocols.subjects import LOSO
 from bench.running.circumstances.base import RunKind, option
-from bench.running.results import FoldResult, join_predictions
+from bench.running.results import FoldResult, concat_predictions
 from bench.store.client import Store
 from bench.values.result import Result
 
@@ -99,7 +99,7 @@ class Echo(RunKind):
     def measure_run(self, plan, about, folds):
         MEASURED[self.number] = folds
         captures = sum(fold.metrics["tested"] for fold in folds)
-        return Result(about, {"captures": captures}, {"predictions": join_predictions(folds)})
+        return Result(about, {"captures": captures}, {"predictions": concat_predictions(folds)})
 
 
 class Level(ClassifierMixin, BaseEstimator):

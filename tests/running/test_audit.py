@@ -47,7 +47,7 @@ class Reversed(Nearest):
 
 
 class RemembersInItsClass(Nearest):
-    """Keeps labels by the first frame in its class, so that a later fold knows the captures of an earlier one."""
+    """Keeps labels in its class, so that a later fold knows the captures of an earlier one."""
 
     seen = {}
 
@@ -76,7 +76,7 @@ class DependsOnOrder(Nearest):
 
 
 class HasSeenTheTest(Nearest):
-    """Looks labels up by the first frame, as a system that was trained on the test captures elsewhere might."""
+    """Looks up labels by the first frame, as if trained on the test captures elsewhere."""
 
     def predict_proba(self, X):
         table = {

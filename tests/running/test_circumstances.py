@@ -1,4 +1,4 @@
-"""Circumstances: what is fitted on what, what is predicted in which case, and what is measured of it."""
+"""Circumstances: what is fitted on what, what is predicted in which case, and the measures."""
 
 import pickle
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""A command that is cut off between two steps of its bookkeeping: the next one leaves nothing half made."""
+"""A command that is cut off between two steps of its bookkeeping; the next one mends the rest."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -106,9 +106,9 @@ def test_a_saved_system_decides_as_the_estimator_as_surely_as_it_may(shipped, mo
         "predict_ms_p99",
         "parameters",
     } <= set(run.data.metrics)
-    assert run.data.tags["system"] == shipped.cell.system_name() and run.data.params["captures"] == str(
-        len(corpus)
-    )
+    assert run.data.tags["system"] == shipped.cell.system_name() and run.data.params[
+        "captures"
+    ] == str(len(corpus))
 
 
 def test_the_step_of_readings_is_that_of_the_training_captures_alone():
@@ -153,7 +153,9 @@ def test_what_cannot_be_fitted_or_loaded_is_refused(monkeypatch, capsys):
 def test_files_are_labelled_whatever_their_format_and_a_bad_one_is_one_line(monkeypatch, capsys):
     corpus = random_corpus(grid=(3, 4))
     system = Level().fit(corpus, corpus.gestures)
-    monkeypatch.setattr("bench.commands.predict.load_recogniser", lambda _: Recogniser(system, corpus))
+    monkeypatch.setattr(
+        "bench.commands.predict.load_recogniser", lambda _: Recogniser(system, corpus)
+    )
     table = as_table(corpus, origin=1)
     table.assign(gesture="?")[["gesture", *table.columns[::-1]]].to_csv("new.csv", index=False)
     offsets = np.append(0, np.cumsum(corpus.lengths))
@@ -194,7 +196,8 @@ def test_files_are_labelled_whatever_their_format_and_a_bad_one_is_one_line(monk
 @pytest.mark.nightly
 def test_a_saved_system_runs_elsewhere_on_the_code_that_it_was_trained_with(shipped):
     as_table(shipped.corpus[::9].detach()).to_csv("new.csv", index=False)
-    code = "import mlflow, pandas as pd, sys; m = mlflow.pyfunc.load_model(sys.argv[1]); import bench; "
+    code = "import mlflow, pandas as pd, sys; m = mlflow.pyfunc.load_model(sys.argv[1]); "
+    code += "import bench; "
     code += "print(bench.__file__); print(','.join(m.predict(pd.read_csv('new.csv'))['label']))"
     saved = str(shipped.folder / "saved")
     plain = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}

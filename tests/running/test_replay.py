@@ -43,7 +43,7 @@ STREAM = Instants((), 100.0, stopping=True)  # as after=each hop_ms=100 stopping
 
 
 class Rising(ClassifierMixin, BaseEstimator):
-    """The class stands in the first taxel; right from the fourth frame on, and n / (n + 1) sure after n frames."""
+    """Reads the class in the first taxel; right from frame 4 on, sure by n / (n + 1)."""
 
     def fit(self, X, y):
         self.classes_ = np.unique(y)
@@ -201,7 +201,7 @@ def settle_by_probability(table):
 
 
 def test_waiting_is_the_ridge_regression_of_what_the_last_decision_gains():
-    """Variables by hand: 62.5 and 125 ms at 80 Hz are 0 and log 2; the second label is the same, the third another."""
+    """By hand: 62.5 and 125 ms at 80 Hz are 0 and log 2; only the second label is equal."""
     proba = [[0.5, 0.3, 0.2], [0.4, 0.35, 0.25], [0.1, 0.3, 0.6], [0.6, 0.3, 0.1]]
     table = pd.DataFrame(proba, columns=["p_a", "p_b", "p_c"]).assign(
         fold="f", capture=[0, 0, 0, 1]
@@ -238,7 +238,7 @@ def test_stopping_as_calculated_by_hand():
             Rising().fit(corpus, corpus.gestures), corpus, "x", np.arange(6), np.arange(1, 13)
         )
     )
-    # n / (n + 1) >= 0.8 from 4 frames on; the capture of 3 frames never gets there and is labelled at its end, wrongly
+    # n / (n + 1) >= 0.8 from 4 frames on; the capture of 3 frames is labelled at its end, wrongly
     early = stopping_decisions(table, 0.8)
     assert early["frames"].tolist() == [4, 3, 4, 4, 4, 4]
     assert (early["true"] == early["predicted"]).tolist() == [True, False, True, True, True, True]
@@ -252,7 +252,7 @@ def test_stopping_as_calculated_by_hand():
         and row["accuracy"] == pytest.approx(5 / 6)
         and row["lost"] == 0
     )
-    # after 4 frames the standing decisions are those of 4 frames; after 9 nothing has changed but what was seen
+    # after 4 frames the standing decisions are those of 4 frames
     assert standing_decisions(table, 4)["frames"].tolist() == [4, 3, 4, 4, 4, 4]
     curve = accuracy_by_instant(table, corpus.rate_hz).set_index("ms")
     assert curve.loc[30.0, "accuracy"] == 0 and curve.loc[40.0, "accuracy"] == pytest.approx(5 / 6)
@@ -309,7 +309,7 @@ def test_stopping_never_looks_at_later_frames(seed, threshold):
 
 @pytest.fixture(scope="module")
 def leveled():
-    """A small corpus, a fold of it, and what a replay makes of it with a system that learns from levels."""
+    """A small corpus, a fold of it, and the result of a replay."""
     corpus = random_corpus(subjects=4, per_class=2, grid=(3, 4))
     fold = Fold("2", np.flatnonzero(corpus.subjects != "2"), np.flatnonzero(corpus.subjects == "2"))
     return corpus, fold, evaluate_fold(fake_cell(Level, STREAM), corpus, fold, 1)
@@ -376,7 +376,9 @@ def test_a_fold_scores_whole_captures_as_bench_run_and_stops_as_it_has_learned(l
         == run["accuracy"]
         == plain.tracked_metrics["accuracy"]
     )
-    assert result.tracked_metrics["adaptive_accuracy"] == (early["true"] == early["predicted"]).mean()
+    assert (
+        result.tracked_metrics["adaptive_accuracy"] == (early["true"] == early["predicted"]).mean()
+    )
     assert (
         run["adaptive_ms"] == 10 * early["frames"].mean()
         and run["mean_ms"] == 10 * corpus.lengths[fold.test].mean()

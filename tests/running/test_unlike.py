@@ -6,7 +6,7 @@ import pytest
 
 from bench.corpora.corpus import Corpus
 from bench.corpora.synth import generate
-from bench.running.unlike import LEVEL, capture_statistics, is_unlike_training, usual_range
+from bench.running.unlike import LEVEL, is_unlike_training, reading_statistics, usual_range
 
 
 def corpus_of(*captures, full_scale=1023.0):
@@ -23,7 +23,7 @@ def test_looks_of_a_capture_by_hand():
     expected = [mean, 0.2, 0.14 / 6, across / (mean + LEVEL), down / (mean + LEVEL), across / down]
     expected = np.log([*(np.array(expected) + LEVEL), 1 + 4 / 12])
     np.testing.assert_allclose(
-        capture_statistics(corpus_of(frames, full_scale=100.0))[0], expected, rtol=1e-6
+        reading_statistics(corpus_of(frames, full_scale=100.0))[0], expected, rtol=1e-6
     )
 
 

@@ -19,10 +19,10 @@ from bench.running.fold import (
     find_batch_effects,
     fit_timed,
     limit_threads,
-    measure_footprint,
+    memory_metrics,
     pace_metrics,
 )
-from bench.running.results import FoldResult, combine_costs, join_predictions
+from bench.running.results import FoldResult, combine_costs, concat_predictions
 from bench.values.result import format_count
 from bench.values.sentences import render_sentences
 from touchbench_streams import NO_TOUCH
@@ -222,7 +222,7 @@ def fold_of(study: Continuous, cell: Cell, corpus: Corpus, fold: Fold, threads: 
     )
     with limit_threads(1):
         spent = _time_decisions(watcher, test)
-    metrics |= measure_footprint(estimator, corpus) | pace_metrics(spent)
+    metrics |= memory_metrics(estimator, corpus) | pace_metrics(spent)
     metrics["flash_bytes"] += 4 * watcher.numbers  # in C it is stored beside the system
     return FoldResult(
         fold.name,
@@ -245,7 +245,7 @@ def run_numbers(
     folds: list[FoldResult], rate_hz: float, unknown: str
 ) -> tuple[dict[str, float], dict[str, pd.DataFrame]]:
     """Scores of touches as means over subjects, with intervals; tables of touches, reports, subjects and the curve."""
-    table = join_predictions(folds)
+    table = concat_predictions(folds)
     touches, reports, background_s = match_tables(table, rate_hz)
     numbers = score_tables(table, rate_hz, people=True)
     hours = sum(background_s.values()) / 3600
