@@ -1,4 +1,4 @@
-"""The search over everything: judged as a plain loop would, within its limits, blind to others; and who decides."""
+"""The search over everything: scores against a plain loop, limits, and the ensemble."""
 
 import pickle
 
@@ -10,7 +10,6 @@ from sklearn.model_selection import GroupKFold
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC
 
-from bench.corpora.folder import open_folder, write_folder
 from bench.errors import InputError
 from bench.features.touch import TouchFeatures
 from bench.models.search import portfolio
@@ -21,7 +20,6 @@ from bench.models.search.ensemble import (
     log_probabilities,
     select_ensemble,
 )
-from tests.conftest import random_corpus, with_other_values
 from tests.models.test_tuning import noisy
 
 QUICK = [
@@ -123,23 +121,6 @@ def test_limits_hold_for_what_is_fitted_to_everybody(search):
         searched(corpus, 1, max_flash="1B")
     short = Auto(seconds=1e-9, inner="2").fit(corpus, corpus.gestures)
     assert len(short.trials_) == 1  # however short the time, one is judged and decides
-
-
-def test_other_people_change_nothing(tmp_path, monkeypatch):
-    """With the cache of features and the stored study on the way."""
-    windowed = {"model": "lda", "window": 0.5, "faults": "all", "columns": 0.25}
-    monkeypatch.setattr(portfolio, "FIRST_TRIALS", [QUICK[0], windowed])
-    monkeypatch.setattr(
-        portfolio, "STEP_SPACE", BEFORE | {"window": [0.0, 0.5], "faults": ["", "all"]}
-    )
-    corpus, found = noisy(longest=60), []
-    train, test = np.flatnonzero(corpus.subjects != "2"), np.flatnonzero(corpus.subjects == "2")
-    for name, captures in (("a", corpus), ("b", with_other_values(corpus, test))):
-        write_folder(captures, tmp_path / name)
-        found.append(searched(open_folder(tmp_path / name)[train], 2))
-    assert found[0].chosen_ == found[1].chosen_
-    probe = random_corpus(seed=9)
-    assert np.array_equal(*[search.predict_proba(probe) for search in found])
 
 
 def test_a_trial_that_fails_is_listed_and_the_others_go_on(monkeypatch):

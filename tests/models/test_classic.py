@@ -1,4 +1,4 @@
-"""Classifiers and scalers against independent computations; what published grids and networks are."""
+"""Classifiers and scalers against independent computations; published grids and networks."""
 
 import numpy as np
 import pandas as pd
@@ -132,9 +132,9 @@ def of_captures(seed, captures=30, d=3, classes=3):
 def test_discriminants_equal_scikit_learns(seed, counts, shrinkage):
     """Where classes are of different size, scikit-learn is given their shares, which weigh its covariance.
 
-    Its scores then hold the logarithms of the shares, which are taken away: here classes count alike. Both shrink to
-    the mean variance of the features as they are given, so scikit-learn is given standardised ones; its automatic
-    shrinkage, which would scale once more, is not used.
+    Its scores then hold the logarithms of the shares, which are taken away: here classes count
+    alike. Both shrink to the mean variance of the features as they are given, so scikit-learn is
+    given standardised ones; its automatic shrinkage, which would scale once more, is not used.
     """
     X, y = points(seed, counts)
     shares = np.array(counts) / sum(counts)
@@ -153,7 +153,7 @@ def test_discriminants_equal_scikit_learns(seed, counts, shrinkage):
 
 @given(st.integers(0, 10_000), st.sampled_from([1.0, 2.0, 3.7, 8.0]), st.sampled_from([0.0, 0.2]))
 def test_windows_of_a_capture_against_a_covariance_taken_apart(seed, windows, shrinkage):
-    """Scores of so many windows in sum are the log density of their mean: between captures, and one n-th within."""
+    """The sum of window scores is the log density of the windows' mean."""
     X, y = of_captures(seed)
     captures = X.index.get_level_values("capture").to_numpy()
     Z = X.to_numpy()
@@ -201,7 +201,7 @@ def test_constant_features_have_no_weight(shrinkage):
 
 
 def test_leaving_a_person_out_equals_the_plain_fit_and_takes_nothing_of_them(stored):
-    """Warm: the process has kept statistics of all captures with other gestures of this person, and under another name.
+    """Warm: summaries of all captures are kept, also of this person with other labels and name.
 
     Cold: nothing is kept.
     """

@@ -1,4 +1,4 @@
-"""What the harness may ask of a system, and what it assumes where a system has no answer; classifiers of others."""
+"""Attributes and methods that a system may have, their defaults, and adapters."""
 
 import numpy as np
 import pytest
@@ -11,10 +11,10 @@ from sklearn.svm import SVC
 from bench import contract
 from bench.errors import InputError
 from bench.features.jung28 import Jung28
-from bench.models.adapters import FromSeries, FromTorch
+from bench.models.adapters import FromSeries
 from bench.models.search.auto import Auto
 from bench.models.series import Series
-from tests.models.test_systems import flatten_series, make_linear
+from tests.models.test_systems import flatten_series
 
 
 class Given(ClassifierMixin, BaseEstimator):
@@ -136,15 +136,3 @@ def test_a_classifier_of_series_is_given_them_in_one_length(corpus):
     expected = neighbours.fit(series, corpus.gestures.astype(str)).predict_proba(series)
     assert np.array_equal(model.predict_proba(corpus), expected) and series.shape[1:] == (69, 25)
     assert not contract.has_probabilities(FromSeries(SVC()))
-
-
-def test_a_module_is_made_for_the_window_and_trained(corpus):
-    model = FromTorch(module=make_linear, frames=5, batch=8, rate=0.01, epochs=20).fit(
-        corpus, corpus.gestures
-    )
-    assert (model.predict(corpus) == corpus.gestures).mean() > 0.7 and len(model.history_) == 20
-    assert model.parameters_ == 5 * 64 * 3 + 3
-    assert (
-        contract.window_frames(model, 100.0) == 5
-        and contract.window_frames(FromTorch(module=make_linear, seconds=0.5), 100.0) == 50
-    )

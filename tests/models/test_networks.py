@@ -1,4 +1,4 @@
-"""The published networks: parameters, sizes and memory as printed, layers against loops, and what no network may do."""
+"""The published networks: parameters and memory as printed, layers against loops."""
 
 import pickle
 

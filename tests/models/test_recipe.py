@@ -1,4 +1,4 @@
-"""Any system behind windows, repair, scaling and faults: what it decides, what it learns from, and what stays."""
+"""Systems with steps: windows, repair, scaling and faults; parameters that are refused."""
 
 import re
 

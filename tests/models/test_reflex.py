@@ -1,4 +1,4 @@
-"""reflex: its perceptron against scikit-learn's forward pass, the guard against its two judges, what it is made of."""
+"""reflex: its perceptron against scikit-learn's, the guard against its two classifiers."""
 
 from functools import partial
 
@@ -32,7 +32,7 @@ def few_updates(monkeypatch):
 
 
 def table(rows=300, d=6, copies=2):
-    """Three classes that no line separates, in captures of two windows, a part of them copies with a broken feature."""
+    """Three classes that no line separates, two windows a capture, some copies with a fault."""
     rng = np.random.default_rng(0)
     y = rng.integers(0, 3, rows)
     X = rng.normal(size=(rows, d)).astype(np.float32)
@@ -60,7 +60,7 @@ def test_the_perceptron_decides_as_scikit_learns_network_of_the_same_weights():
 
 
 def test_rows_are_drawn_as_often_as_they_count():
-    """Copies that count nearly nothing change nearly nothing; those that count as much as captures do."""
+    """Copies of low weight change nearly nothing; copies of full weight do."""
     X, y, whole = table()
     alone, hardly, much = (
         Quick().fit(X[whole], y[whole]),
@@ -73,7 +73,7 @@ def test_rows_are_drawn_as_often_as_they_count():
 
 
 def test_one_feature_says_no_more_than_its_clip():
-    """Whatever a broken sensor makes of a feature, and one that was constant in training says nothing at all."""
+    """Values beyond the clip make no difference, nor does a feature constant in training."""
     X, y, _ = table(rows=60)
     X["still"] = 7.0
     model = Quick().fit(X, y)

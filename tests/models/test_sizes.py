@@ -1,4 +1,4 @@
-"""Sizes of systems that nobody helps to count: by hand where a number can be, above nothing everywhere."""
+"""Sizes of systems without declared sizes, counted by hand."""
 
 import numpy as np
 import pytest

@@ -25,7 +25,7 @@ from tests.conftest import random_corpus
 from tests.net.numbers import fit_system, make_system, split_touches, touches
 
 SLOW = "jung2017_svm_rbf jung2017_nn ta2015_svm ta2015_rf gaus2015_rf reflex ren2023_transformer"
-ELSEWHERE = ["auto"]  # tests/models/test_auto.py
+
 HARSH = {"repair": ("stuck", "dead", "offset"), "scale": "peak", "faults": ("all",), "copies": 1}
 CHECKS = [
     audit.check_blindness,
@@ -77,11 +77,12 @@ class Case(audit.AuditedSystem):
         return fit_system(self.name)
 
 
-NAMES = [name for name in (*PARTS, *COMPOSED) if name not in ELSEWHERE]
-
-
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=[pytest.mark.nightly] * (n in SLOW.split())) for n in NAMES]
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.nightly] * (name in SLOW.split()))
+        for name in (*PARTS, *COMPOSED)
+    ],
 )
 def test_a_system_keeps_the_contract(name, monkeypatch):
     if name in COMPOSED:

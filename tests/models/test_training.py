@@ -1,4 +1,4 @@
-"""The training loop, its optimisers and its windows: by hand, against loops, and the votes of several decisions."""
+"""The training loop, its optimisers, windows and votes: by hand and against loops."""
 
 import numpy as np
 import pandas as pd
@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from torch import nn
 
 from bench.corpora.corpus import Corpus
-from bench.features.touch import SIGNALS, STEP_SIGNALS, frame_signals
+from bench.features.touch import SIGNALS
 from bench.models.nets.cnn85 import RATES, SelectiveSGD
 from bench.models.nets.touchnet import SignalWindows
 from bench.models.nets.training import Optimiser, Schedule, Sequences, Windows, train_network
@@ -110,35 +110,24 @@ def test_the_optimiser_of_cnn85_equals_the_update_rule_written_out():
 
 def test_the_search_keeps_the_rate_with_the_lowest_last_loss_and_discards_the_trial():
     """The loss is the square of the only weight; rates from 1 on throw it out of this valley."""
+    net = nn.Linear(1, 1, bias=False)
+    nn.init.ones_(net.weight)
+    sgd, losses = SelectiveSGD(net, PAPER), {}
 
-    def valley():
-        net = nn.Linear(1, 1, bias=False)
-        nn.init.ones_(net.weight)
-        sgd = SelectiveSGD(net, PAPER)
+    def step(rows):
+        sgd.zero_grad()
+        loss = 2 * net.weight.square().sum()
+        loss.backward()
+        sgd.step()
+        losses[sgd.rate] = loss.item()  # the last one stays
+        return loss.item()
 
-        def step(rows):
-            sgd.zero_grad()
-            loss = 2 * net.weight.square().sum()
-            loss.backward()
-            sgd.step()
-            return loss.item()
-
-        return net, sgd, step
-
-    losses = {}
-    for rate in PAPER:
-        _, sgd, step = valley()
-        sgd.rate = rate
-        losses[rate] = [step(None) for _ in range(30)][-1]
-    best, (net, sgd, step) = min(losses, key=losses.get), valley()
-    for epoch, rate, kept in (
-        (0, 0.5, best),
-        (1, 0.123, 0.123),
-        (10, 0.123, best),
-    ):  # it searches every ten epochs
-        sgd.rate = rate
+    for epoch, is_searched in ((0, True), (1, False), (10, True)):
+        sgd.rate = 0.123
         sgd.before_epoch(epoch, np.zeros((40, 2)), step)
-        assert sgd.rate == kept and sgd.rates == tuple(r for r in PAPER if r <= best)
+        best = min(losses, key=losses.get)
+        assert sgd.rate == (best if is_searched else 0.123)
+        assert sgd.rates == tuple(rate for rate in PAPER if rate <= best)
         assert net.weight.item() == 1 and sgd.steps == 0 and not sgd.momentum[0].any()
 
 
@@ -208,39 +197,14 @@ def test_sequences_equal_a_loop(frames, hop, longest, seed):
     assert torch.equal(values, windows.make_batch(np.concatenate([expected[i][4] for i in order])))
 
 
-def corpus_of(arrays):
-    captures = pd.DataFrame({"subject": ["1"] * len(arrays), "gesture": ["pat"] * len(arrays)})
-    return Corpus.from_captures(arrays, captures, 50.0)
-
-
-@given(st.lists(st.integers(1, 40), min_size=1, max_size=5), st.integers(1, 15), st.integers(0, 99))
-def test_windows_of_signals_equal_a_loop(lengths, frames, seed):
-    """Captures that are shorter than a window are shorter windows; a tail is none."""
-    rng, hop, expected = np.random.default_rng(seed), (frames + 1) // 2, []
-    arrays = [rng.integers(0, 1023, (n, 2, 3)).astype(np.uint16) for n in lengths]
-    for capture, array in enumerate(arrays):
-        own = frame_signals(array.astype(np.float32) / np.float32(1023))
-        own[0, [*STEP_SIGNALS]] = own[min(1, len(own) - 1), [*STEP_SIGNALS]]
-        starts = [
-            start
-            for start in range(0, len(array), hop)
-            if start == 0 or start + frames <= len(array)
-        ]
-        expected += [(capture, start, own[start : start + frames]) for start in starts]
-    found = SignalWindows(corpus_of(arrays), frames, hop)
-    assert [(c, s) for c, s, _ in expected] == list(zip(found.capture, found.start, strict=True))
-    values, seen = found.make_batch(np.arange(len(found)))
-    assert list(seen) == [len(own) for *_, own in expected] == list(found.seen)
-    for window, (_, _, own) in zip(values.numpy(), expected, strict=True):
-        np.testing.assert_allclose(window[: len(own)], own, rtol=1e-6, atol=1e-6)
-
-
 @given(st.lists(st.integers(1, 40), min_size=2, max_size=5), st.integers(0, 99))
 def test_training_windows_of_signals_stay_within_their_captures(lengths, seed):
     arrays = [
         np.full((n, 2, 2), 100 + k, dtype=np.uint16) for k, n in enumerate(lengths)
     ]  # tell them by their total
-    drawn, total = SignalWindows(corpus_of(arrays), 12, 6, is_random=True), SIGNALS.index("total")
+    captures = pd.DataFrame({"subject": ["1"] * len(arrays), "gesture": ["pat"] * len(arrays)})
+    corpus = Corpus.from_captures(arrays, captures, 50.0)
+    drawn, total = SignalWindows(corpus, 12, 6, is_random=True), SIGNALS.index("total")
     totals = drawn.values[np.cumsum([0, *lengths[:-1]]), total]
     torch.manual_seed(seed)
     values, seen = drawn.make_batch(np.tile(np.arange(len(drawn)), 5))

@@ -1,4 +1,4 @@
-"""Windows that are dealt to folds: which they are, how captures are scored from them, and that checks hold for them."""
+"""The protocol of windows: its folds, scores of captures, and checks."""
 
 from dataclasses import replace
 
