@@ -7,7 +7,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from touchbench_builder.bounds import agrees, ahead, lower_bound, new_person
+from touchbench_builder.bounds import (
+    compare_with_certificate,
+    count_next_people,
+    lower_bound,
+    new_person_bounds,
+)
 
 ALIKE = (
     [41, 44, 43, 46, 45, 42],
@@ -36,7 +41,7 @@ def by_hand(right, total, level, people):
 
 
 def generated(mean, sd, people, bad=0.0):
-    """Counts of 4,000 draws of people of a beta distribution, 60 captures each; some of them lose 30 %."""
+    """Counts of 4,000 draws of people, 60 captures each; a share ``bad`` of people loses 30 %."""
     rng = np.random.default_rng(7)
     size = mean * (1 - mean) / sd**2 - 1
     accuracy = rng.beta(mean * size, (1 - mean) * size, (4000, people))
@@ -45,7 +50,7 @@ def generated(mean, sd, people, bad=0.0):
 
 @pytest.mark.parametrize("counts", (ALIKE, UNLIKE))
 def test_bounds_are_those_of_a_loop(counts):
-    found = new_person(*counts)
+    found = new_person_bounds(*counts)
     _, variance, low = by_hand(*counts, 0.95, 4)
     assert found.mean == pytest.approx(
         sum(r / n for r, n in zip(*counts, strict=True)) / len(counts[0])
@@ -55,7 +60,12 @@ def test_bounds_are_those_of_a_loop(counts):
     )
     assert found.mean_low == pytest.approx(min(expected, math.sin(low) ** 2), abs=1e-6)
     assert found.person_low == pytest.approx(math.sin(by_hand(*counts, 0.9, 1)[2]) ** 2)
-    assert found.next_people == 4 and [ahead(known) for known in (8, 9, 16, 31)] == [4, 5, 8, 16]
+    assert found.next_people == 4 and [count_next_people(known) for known in (8, 9, 16, 31)] == [
+        4,
+        5,
+        8,
+        16,
+    ]
 
 
 @pytest.mark.parametrize(
@@ -65,11 +75,11 @@ def test_bounds_are_those_of_a_loop(counts):
 def test_bounds_without_an_error_without_a_correct_capture_and_of_too_few_people(
     right, total, mean, lowest, highest
 ):
-    found = new_person(right, [total] * len(right))
+    found = new_person_bounds(right, [total] * len(right))
     assert found.mean == pytest.approx(mean)
     if lowest is None:
         assert (found.mean_low, found.person_low, found.next_people) == (None, None, None)
-        assert agrees(right, [total] * len(right), [1], [total]) is None
+        assert compare_with_certificate(right, [total] * len(right), [1], [total]) is None
     else:
         assert lowest <= found.mean_low <= highest and lowest <= found.person_low <= highest
 
@@ -98,11 +108,11 @@ def test_later_people_are_tested_by_the_bound_for_their_number():
     mean, variance, _ = by_hand(*UNLIKE, 0.95, 1)
     angles = [by_hand([r, r], [60, 60], 0.9, 1)[0] for r in later]
     error = math.sqrt(variance / 5 + variance / 3)
-    found = agrees(right, total, later, np.full(3, 60))
+    found = compare_with_certificate(right, total, later, np.full(3, 60))
     assert found.p == pytest.approx(stats.t.cdf((np.mean(angles) - mean) / error, 4))
     rejected = []
     for r in range(61):
-        check = agrees(right, total, [r, r], [60, 60])
+        check = compare_with_certificate(right, total, [r, r], [60, 60])
         low = by_hand(*UNLIKE, 0.95, 2)[2]
         assert check.agrees == (check.p >= 0.05) == (by_hand([r, r], [60, 60], 0.9, 1)[0] >= low)
         rejected.append(not check.agrees)
@@ -118,7 +128,7 @@ def test_power_is_that_of_repeated_tests():
     new = rng.normal(lower, math.sqrt(variance / later), draws)
     estimate = variance * rng.chisquare(15, draws) / 15
     found = (new - known) / np.sqrt(estimate * (1 / 16 + 1 / later)) < stats.t.ppf(0.05, 15)
-    check = agrees(*certificate, np.full(later, 54), np.full(later, 60))
+    check = compare_with_certificate(*certificate, np.full(later, 54), np.full(later, 60))
     assert check.agrees
     assert check.power == pytest.approx(found.mean(), abs=0.01)
-    assert agrees(*certificate, [54], [60]).power < check.power
+    assert compare_with_certificate(*certificate, [54], [60]).power < check.power

@@ -1,4 +1,4 @@
-"""What ``bench build`` refuses, in a line, before anything is written: golden files (``--golden`` writes them)."""
+"""What ``bench build`` refuses, as golden files (``--golden`` writes them)."""
 
 import json
 import re
@@ -37,8 +37,8 @@ def test_recordings_that_cannot_teach_and_wrong_words_are_refused(golden):
         ),
     }
     for name, table in captures.items():
-        write_table(corpus.changed(captures=table), Path(f"{name}.csv"))
-    write_table(corpus.changed(frames=0 * corpus.frames + 1023), Path("saturated.csv"))
+        write_table(corpus.with_fields(captures=table), Path(f"{name}.csv"))
+    write_table(corpus.with_fields(frames=0 * corpus.frames + 1023), Path("saturated.csv"))
     for name, people in {"four": 4, "five": 5}.items():
         Path(name).mkdir()
         facts = {

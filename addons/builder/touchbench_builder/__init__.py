@@ -1,1 +1,1 @@
-"""From recordings to C for a microcontroller, with a certificate for people who were never recorded."""
+"""From recordings to C for a microcontroller, with a certificate for new people."""

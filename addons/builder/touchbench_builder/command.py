@@ -1,22 +1,23 @@
 """The command ``bench build``, without anything heavy."""
 
-from bench.grammar.options import DATA, JOBS, START, TRUSTED, WHERE, Command, Option
+from bench.grammar.options import DATA, JOBS, START, TRUST_NOTE, WHERE, Command, Option
 
 FORMATS = ("table", "cuddlebot", "haart", "cost", "recording")
 BUILD = Command(
     START,
     "build C with a certificate from recordings of a skin",
-    "Imports FILE, or uses data=. Compares a few systems that have C on people left out, cheap ones first. "
-    "Chooses the cheapest within one standard error of the best, within the budgets of scene and board. Trains it on "
-    "all captures and writes C, examples, tests and a certificate. The certificate names the accuracy to expect for "
-    "a new person. An interrupted command continues where it stopped. check FOLDER runs captures of other people "
-    "through the C; exit code 1 if they contradict the certificate. "
-    f"{TRUSTED}",
+    "Imports FILE, or uses data=. Compares a few systems that have C on people left out, cheap "
+    "ones first. Chooses the cheapest within one standard error of the best, within the budgets of "
+    "scene and board. Trains it on all captures and writes C, examples, tests and a certificate. "
+    "The certificate names the accuracy to expect for a new person. An interrupted command "
+    "continues where it stopped. check FOLDER runs captures of other people through the C; exit "
+    "code 1 if they contradict the certificate. "
+    f"{TRUST_NOTE}",
     "bench build mine.csv grid=6x6 rate_hz=50 scene=companion board=stm32f411 out=robot\n"
     "bench build data=haart max_flash=64kB seconds=600 out=robot\n"
     "bench build check robot data=newpeople",
     "\n[FILE] out=FOLDER [key=value ...]\ncheck FOLDER data=NAME [where=CONDITION]",
-    module="touchbench_builder.way",
+    module="touchbench_builder.build",
     options=(
         DATA,
         WHERE,

@@ -1,0 +1,130 @@
+"""Choice, training and accuracy to expect of the systems of a build."""
+
+import re
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.stats import chi2
+
+from addons.streams.tests.made import PEOPLE, day
+from bench.errors import InputError
+from bench.reading.candidates import Candidates
+from bench.reading.choice import choose_candidate
+from bench.reading.scene import Scene
+from tests.reading.results import make_run
+from touchbench_builder import certificate, systems
+from touchbench_builder.certificate import expected_accuracy
+from touchbench_builder.systems import fit_or_load, nested_labels, nothing_fits_message
+
+
+def make_choice(flash, ram, accuracies, budgets):
+    """The choice between two systems, small and large."""
+    scores = pd.DataFrame(accuracies, columns=["1", "2", "3"])
+    table = pd.DataFrame({"system": ["small", "large"], "flash": flash, "ram": ram})
+    table = table.assign(unit="capture", accuracy=scores.mean(axis=1))
+    losses, counts = np.empty((2, 0, 3)), np.empty((0, 2, 3))
+    candidates = Candidates(table, scores, losses, counts, make_run("small"), notes=[])
+    return choose_candidate(candidates, "flash", budgets)
+
+
+def test_each_person_gets_the_system_that_the_others_choose():
+    """Without 1, large has 90 and small 10 %. Without 2 or 3, both have a mean of 50 %: small."""
+    scores = np.array([[90.0, 10, 10], [10, 90, 90]])
+    choice = make_choice([1.0, 2.0], [1.0, 1.0], scores, {})
+    people, captures = np.divmod(np.arange(30), 10)
+    table = pd.DataFrame({"subject": (people + 1).astype(str), "true": "pat", "fold": people})
+    results = []
+    for system, accuracies in zip(("small", "large"), scores, strict=True):
+        right = 1.0 * (captures < accuracies[people] / 10)
+        labels = table.assign(capture=np.arange(30), p_pat=right, p_rub=1 - right)
+        results.append(SimpleNamespace(system=system, tables={"predictions": labels}))
+    labels = nested_labels(choice, results)
+    chosen = labels.groupby("subject")["system"].unique().explode()
+    assert chosen.to_dict() == {"1": "large", "2": "small", "3": "small"}
+    expected = expected_accuracy(labels)  # small alone would have 37 %, large 63 %
+    assert expected["people"] == {"1": [1, 10], "2": [1, 10], "3": [1, 10]}
+    assert expected["mean"] == 0.1 and expected["mean_low"] is None
+    assert expected["systems"] == {"small": 2, "large": 1}
+
+
+NOTHING_FITS = [  # flash, RAM, words; microbit2 has 512 KiB
+    ([300, 400], [3, 1], "lowest flash is 300 kB.* board that holds one of them is microbit2$"),
+    ([30, 100], [3, 1], "flash rules out 1 .* is large, .* RAM .* is small, .* nucleo-l432kc$"),
+    ([30, 30], [np.nan] * 2, "RAM rules out 2 of 2 systems .2 with unknown .* is large, 60.0 %$"),
+]
+
+
+@pytest.mark.parametrize(("flash", "ram", "words"), NOTHING_FITS)
+def test_a_board_that_holds_a_system_is_named_if_nothing_fits(flash, ram, words, monkeypatch):
+    monkeypatch.setattr(systems, "missing_programs", list)
+    choice = make_choice(flash, ram, [[50.0] * 3, [60.0] * 3], {"flash": 64.0, "ram": 1.9})
+    assert re.search(words, nothing_fits_message(choice))
+
+
+@pytest.mark.parametrize(
+    ("alarms", "latency", "words"),
+    [
+        (30.0, 0.4, ""),
+        (80.0, 0.4, "80 per hour, its budget is 60"),
+        (30.0, None, "latency is unknown: no touch"),
+    ],
+)
+def test_budgets_of_streams_are_those_of_recordings_of_people_left_out(
+    alarms, latency, words, monkeypatch
+):
+    numbers = {"background_minutes": 20.0, "false_alarms_per_hour": alarms, "touches_found": 0.9}
+    numbers |= {"latency_s_p50": latency} if latency else {}
+    monkeypatch.setattr(certificate, "make_plan", lambda values, command: (values, command))
+    monkeypatch.setattr(certificate, "run_plan", lambda *_: SimpleNamespace(metrics=numbers))
+    scene = Scene(values={"max_false_alarms": "60", "max_latency": "1s"})
+    choice = SimpleNamespace(name="lda", values={})
+    if words:
+        with pytest.raises(InputError, match=words):
+            certificate._watch_recordings({}, scene, choice)
+        return
+    found = certificate._watch_recordings({}, scene, choice)
+    assert (found["alarms"], found["per_hour"], found["latency_ms"]) == (10, 30.0, 400)
+    assert found["at_most_per_hour"] == pytest.approx(chi2.ppf(0.95, 22) / 2 * 3, abs=0.01)
+    assert certificate._watch_recordings({}, Scene(), choice) is None
+
+
+def test_from_recordings_it_learns_the_compared_gestures_and_to_watch():
+    """``bench fit`` also has the background as a class, which the comparison lacks."""
+    day()
+    values = {"model": "lda", "features": "touch", "model.window": 0.5}
+    run_id, recogniser = fit_or_load({"data": "day", "jobs": "1"}, values, "key", stopping=False)
+    assert recogniser.classes == sorted(set(PEOPLE.events["gesture"]))
+    assert recogniser.watcher is not None
+    assert fit_or_load({"data": "day"}, values, "key")[0] == run_id
+
+
+@pytest.mark.parametrize(
+    ("flash", "without"),
+    [(40, ""), (25, systems.STREAM), (15, f"{systems.STREAM}, {systems.EARLY}")],
+)
+def test_the_model_has_what_the_budgets_allow_or_the_scene_needs(flash, without, monkeypatch):
+    """The system takes 10 kB of flash, early decisions 10 and the detector 20 more."""
+
+    def fit(on, values, key, stopping=True, watch=True):
+        return key, SimpleNamespace(stopping=stopping or None, watcher=watch or None)
+
+    def costs(model):
+        amount = 10e3 * (1 + bool(model.stopping) + 2 * bool(model.watcher))
+        return {name: amount if name == "flash_bytes" else 1.0 for name in systems.CHIP_COSTS}
+
+    fakes = {"fit_or_load": fit, "measure_on_chip": costs, "missing_programs": list}
+    for name, fake in fakes.items():
+        monkeypatch.setattr(systems, name, fake)
+    choice = SimpleNamespace(name="lda", values={}, run_id="r", limits={"flash": flash})
+    _, model, amounts, left_out = systems.train_chosen({}, choice, Scene())
+    assert left_out == without and amounts["flash_bytes"] <= 1000 * flash
+    assert bool(model.watcher) is not bool(without)
+    needy = Scene(values={"max_latency": "1s"})
+    if without:
+        message = "detector that the scene needs it takes 40.0 kB of flash"
+        with pytest.raises(InputError, match=message):
+            systems.train_chosen({}, choice, needy)
+    else:
+        assert systems.train_chosen({}, choice, needy)[3] == ""

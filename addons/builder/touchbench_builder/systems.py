@@ -1,0 +1,400 @@
+"""Systems of a build: compared on people left out, chosen, and trained on all captures."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from bench.commands import run as commands
+from bench.corpora.corpus import Corpus
+from bench.errors import InputError
+from bench.features.touch import TouchFeatures
+from bench.grammar.options import (
+    cost_limits,
+    key_options,
+    make_executor,
+    typed_settings,
+    values_from_keywords,
+)
+from bench.ground.progress import format_estimate, format_seconds
+from bench.models.search import portfolio
+from bench.plan.grid import make_cells
+from bench.plan.plan import captures_of_cell
+from bench.reading import choice as rule
+from bench.reading.scene import Scene, load_boards
+from bench.running.fit import fit
+from bench.running.loop import estimate_seconds, find_stored_runs, run_plans
+from bench.running.saved import Recogniser, load_recogniser
+from bench.store.client import connect
+from bench.values.measures import all_costs
+from bench.values.scores import label_captures
+from touchbench_chip.measure import ROOMY, measure_footprint, measure_watching, missing_programs
+from touchbench_chip.tables import check_exportable
+from touchbench_chip.write import hash_fixed_code, write_c_sources
+from touchbench_streams.teaching import Watching
+
+if TYPE_CHECKING:
+    from bench.contract import System
+    from bench.plan.cells import Cell
+    from bench.plan.plan import Plan
+    from bench.running.workers import FoldExecutor
+    from bench.values.result import Result
+    from touchbench_builder.progress import Progress
+    from touchbench_streams.detectors.ticks import TickWatcher
+
+BITS = 8  # of a weight in C; Python rounds to the same if it can
+STREAM_BUDGETS = ("max_false_alarms", "max_latency")  # of a scene, for recordings
+BUILT_TAG = "touchbench.built"  # tag of a model: hash of what it was built from
+STREAM = "the detector of touches in a stream"
+EARLY = "calibration and early decisions"
+CHIP_COSTS = ("flash_bytes", "ram_bytes", "stack_bytes", "frame_instructions", "most_instructions")
+CHIP_COST_OF = {"flash": "flash_bytes", "ram": "ram_bytes", "cycles": "most_instructions"}
+ROUNDED_MODELS = ("lda", "softmax", "reflex")  # those with model.bits=
+REPAIR = "stuck+dead"
+SMALLEST_SYSTEM: dict[str, object] = {"model": "tree", "features": "jung28"}
+LARGEST_SYSTEM: dict[str, object] = {"model": "reflex", "model.bits": BITS}
+LARGEST_S = 60.0  # of a fit on one core
+DEFAULT_FAULTS = ("dead_taxels", "stuck_taxels", "noise")  # if the scene names none
+# As multiples of the processor time of a comparison: a fault, watching recordings in one fold, and
+# the last fit, which also teaches a detector of touches if the C of the system can watch a stream.
+FAULT_TIME, WATCH_TIME, LAST_FIT_TIME, LAST_WATCHING_FIT_TIME = 2.5, 2.0, 2.0, 6.0
+
+
+@dataclass(frozen=True)
+class ChosenSystem:
+    """The chosen system.
+
+    Attributes:
+        values: its keys of ``bench run``.
+        name: its name in tables.
+        table: a row per compared system: system, accuracy in percent, flash and ram in kB, verdict.
+        nested: a row per capture, labelled by the system that is chosen without its subject.
+        left_out: systems that were not compared, with reasons.
+        runs: ids of the compared runs.
+        limits: budget of each cost.
+        run_id: id of its run.
+    """
+
+    values: dict[str, Any]
+    name: str
+    table: pd.DataFrame
+    nested: pd.DataFrame
+    left_out: list[str]
+    runs: list[str]
+    limits: dict[str, float]
+    run_id: str
+
+
+def candidate_systems(corpus: Corpus) -> list[tuple[dict[str, Any], float]]:
+    """Systems that have C, as keys of ``bench run``, with the seconds of a fit on one core.
+
+    They are the first trials of ``model=auto`` on windows of ``touch``, one for each model and
+    window, after the repair of broken taxels; the smallest system; and the most accurate model
+    with C. The cheapest is first.
+    """
+    width, classes = len(TouchFeatures().fit(corpus[:1]).names_), len(set(corpus.gestures))
+    systems = [(SMALLEST_SYSTEM, portfolio.MIN_FIT_S), (LARGEST_SYSTEM, LARGEST_S)]
+    for trial in _exportable_trials():
+        values = {"model": trial["model"], "features": "touch"}
+        values |= {"model.window": trial["window"], "model.repair": REPAIR}
+        values |= {f"model.{key.partition('.')[2]}": trial[key] for key in trial if "." in key}
+        if trial["model"] in ROUNDED_MODELS:
+            values["model.bits"] = BITS
+        seconds = portfolio.expected_fit_seconds(trial, corpus, width, classes)
+        systems.append((values, seconds))
+    return sorted(systems, key=lambda pair: pair[1])
+
+
+def _exportable_trials() -> Iterator[dict[str, Any]]:
+    """Yield the first trial of each model and window on ``touch`` that can be written as C."""
+    trials = [portfolio.with_defaults(trial) for trial in portfolio.FIRST_TRIALS]
+    trials.sort(key=lambda trial: not trial["window"])
+    yielded = set()
+    for trial in trials:
+        trial |= {"window": trial["window"] or 1.0}
+        key = trial["model"], trial["window"]
+        if trial["features"] == "touch" and key not in yielded:
+            with suppress(InputError):  # it has no C
+                check_exportable(portfolio.make_system(trial, 0))
+                yielded.add(key)
+                yield trial
+
+
+def compare_systems(
+    corpus: Corpus,
+    on: Mapping[str, Any],
+    scene: Scene,
+    limits: Mapping[str, float],
+    progress: Progress,
+) -> ChosenSystem:
+    """Run systems on people left out, link each for a Cortex-M4F, and choose within the budgets.
+
+    Args:
+        corpus: captures.
+        on: keys of ``bench run`` that name them.
+        scene: needs of the robot, with budgets.
+        limits: budgets of the command line, which replace those of the scene.
+        progress: progress of the build.
+
+    Raises:
+        InputError: no system could be compared, or none is within the budgets.
+    """
+    left = progress.seconds_left
+    progress.start_step(f"systems on people left out, within {format_seconds(left)}")
+    systems = candidate_systems(corpus)
+    if needs_stream(scene):  # the C of the smallest cannot watch
+        systems = [pair for pair in systems if pair[0] != SMALLEST_SYSTEM]
+    faults = {"under": [*scene.faults]} if scene.faults else {}
+    plans: dict[str, tuple[dict[str, Any], Plan]] = {}
+    results, left_out, longest, slowest = [], [], 0.0, 0.0
+    for number, (values, fit_seconds) in enumerate(systems, 1):
+        title, left = system_title(values), progress.seconds_left
+        plan, executor = make_plan(on | {"protocol": "loso"} | values | faults)
+        seconds = max(slowest, fit_seconds * len(plan.folds) / plan.workers)
+        needed = max(longest, seconds) + sum(later_seconds(plan, scene, seconds))
+        if results and left < needed and find_stored_runs(connect(), [plan])[1]:
+            estimate = f"with its tests and its last fit, it would take {format_estimate(needed)}"
+            left_out.append(f"{title}: {estimate}; raise seconds=")
+            continue
+        progress.print_line(
+            f"system {number} of {len(systems)}: {title}; {format_seconds(left)} left"
+        )
+        try:
+            result = run_plan(plan, executor)
+            if not missing_programs():
+                costs = linked_costs(on, values, str(result["run_id"]))
+                sources = {all_costs()[key].source_name: CHIP_COST_OF[key] for key in CHIP_COST_OF}
+                result.metrics |= {source: costs[name] for source, name in sources.items()}
+        except InputError as e:
+            left_out.append(f"{title}: {e}")
+            continue
+        results.append(result)
+        plans[result.system] = values, plan
+        longest = max(longest, left - progress.seconds_left)  # starts of processes and linking too
+        slowest = max(slowest, comparison_seconds(plan))
+    if not results:
+        raise InputError(f"no system could be compared: {left_out[0]}")
+    if left_out:
+        more = f"; {len(left_out) - 1} more in the certificate" * (len(left_out) > 1)
+        compared = f"{len(results)} of {len(systems)} systems compared"
+        progress.print_line(f"{compared}; not {left_out[0]}{more}")
+    progress.start_step("choice")
+    choice = _choose_system(results, scene, limits)
+    if choice.chosen is None:
+        raise InputError(nothing_fits_message(choice))
+    name, runs = str(choice.system), {r.system: str(r["run_id"]) for r in results}
+    values, plan = plans[name]
+    tests, last = later_seconds(plan, scene, comparison_seconds(plan))
+    more = f"{format_estimate(tests)} more for its tests, " * (tests > 0)
+    progress.print_line(f"{name}; {more}{format_estimate(last)} for its last fit")
+    table = choice.table[["system", "accuracy", "flash", "ram", "verdict"]]
+    labels, run_ids = nested_labels(choice, results), [*runs.values()]
+    return ChosenSystem(values, name, table, labels, left_out, run_ids, choice.budgets, runs[name])
+
+
+def system_title(values: Mapping[str, Any]) -> str:
+    """Name a system in words."""
+    features = f" on {values['features']}" if "features" in values else ""
+    window = f", windows of {values['model.window']:g} s" if "model.window" in values else ""
+    return f"{values['model']}{features}{window}"
+
+
+def make_plan(values: Mapping[str, Any], command: str = "run") -> tuple[Plan, FoldExecutor]:
+    """Make the plan of a run from the keys of a command, and its executor."""
+    typed = values_from_keywords(values, key_options(command, values))
+    executor = make_executor(typed)
+    (plan,) = commands.plan_grids(command, {"": typed}, executor)
+    return plan, executor
+
+
+def run_plan(plan: Plan, executor: FoldExecutor) -> Result:
+    """Run a plan; stored folds are not repeated."""
+    (result,) = run_plans([plan], executor)
+    if not result.is_complete:
+        raise InputError(f"{len(result.errors)} of {len(plan.folds)} folds failed")
+    return result
+
+
+def comparison_seconds(plan: Plan) -> float:
+    """Seconds that a stored run took, or would take without interruption."""
+    return estimate_seconds(connect(), [(plan, len(plan.folds))])[0] or 0.0
+
+
+def later_seconds(plan: Plan, scene: Scene, seconds: float) -> tuple[float, float]:
+    """Seconds of the remaining tests of a chosen system, and of its last fit.
+
+    Args:
+        plan: plan of the comparison.
+        scene: needs of the robot.
+        seconds: seconds of the comparison, with all workers; the last fit has one process.
+    """
+    clean = seconds / (1 + FAULT_TIME * len(scene.faults))
+    tests = WATCH_TIME * len(plan.folds) * needs_stream(scene)
+    tests += 0 if scene.faults else FAULT_TIME * len(DEFAULT_FAULTS)
+    last = LAST_WATCHING_FIT_TIME if check_exportable(plan.cell.untrained_system) else LAST_FIT_TIME
+    return tests * clean, last * clean * plan.workers
+
+
+def _choose_system(results: list[Result], scene: Scene, limits: Mapping[str, float]) -> rule.Choice:
+    """Choose among results as ``bench choose`` does."""
+    unused = ("clock", "unit", *STREAM_BUDGETS)
+    settings = typed_settings(
+        "choose", {key: value for key, value in scene.values.items() if key not in unused}
+    )
+    budgets, margin = cost_limits(settings) | dict(limits), settings["margin"]
+    return rule.choose_from_runs(results, {}, settings["by"], budgets, scene=scene, margin=margin)
+
+
+def nested_labels(choice: rule.Choice, results: list[Result]) -> pd.DataFrame:
+    """Labels of each subject's captures by the system that the other subjects alone choose."""
+    labels = {r.system: label_captures(r.tables["predictions"]) for r in results}
+    candidates, parts = choice.candidates, []
+    for subject, row in zip(candidates.subjects, choice.choices_without_each(), strict=True):
+        name = "" if row is None else str(candidates.table.loc[row, "system"])
+        part = labels[name or str(choice.system)]
+        part = part[part["subject"].astype(str) == str(subject)]
+        parts.append(part[["subject", "true", "predicted"]].assign(system=name))
+    return pd.concat(parts, ignore_index=True)
+
+
+def nothing_fits_message(choice: rule.Choice) -> str:
+    """Reason why no system fits, in the sentences of ``bench choose``, and what would help."""
+    lines = choice.why_nothing_fits()
+    if (missing := missing_programs()) and any(limit["unknown"] for limit in choice.limits):
+        lines.append(f"Install {', '.join(missing)}, which measure C.")
+    sizes = choice.table[["flash", "ram"]]
+    boards = []
+    for name, board in load_boards().items():
+        if (sizes <= [board.flash_kb, board.ram_kb]).all(axis=1).any():
+            boards.append((board.flash_kb, name))
+    if boards and any(limit["over"] and limit["cost"].key in sizes for limit in choice.limits):
+        lines.append(f"The smallest board that holds one of them is {min(boards)[1]}.")
+    return " ".join(lines).removesuffix(".")
+
+
+def needs_stream(scene: Scene) -> bool:
+    """Return True if a scene has budgets of streams."""
+    return not {*STREAM_BUDGETS}.isdisjoint(scene.values)
+
+
+class GesturesAndStream(Watching):
+    """Learn to watch from recordings; the system learns from captures of gestures only.
+
+    The systems of the comparison learn from the same captures.
+    """
+
+    def __init__(self, cell: Cell) -> None:
+        super().__init__({})
+        self.captures, self.recordings = captures_of_cell, Watching.captures(cell)
+
+    def learned(
+        self, make_system: Callable[[], System], system: System, captures: Corpus
+    ) -> TickWatcher:
+        """Learn from recordings, if there are some."""
+        return super().learned(make_system, system, self.recordings)
+
+
+def fit_or_load(
+    on: Mapping[str, Any],
+    values: Mapping[str, Any],
+    key: str,
+    stopping: bool = True,
+    watch: bool = True,
+) -> tuple[str, Recogniser]:
+    """Train a model on all captures, or load the stored one; returns the id of its run, and it."""
+    store = connect(writes=True)
+    for stored in store.search_runs(f"tags.`{BUILT_TAG}` = '{key}'"):
+        return stored.info.run_id, load_recogniser(f"runs:/{stored.info.run_id}/model")
+    (cell,) = make_cells({k: v for k, v in on.items() if k != "jobs"} | dict(values))
+    can_watch = watch and check_exportable(cell.untrained_system)
+    fitted = fit(cell, stopping=stopping, learner=GesturesAndStream(cell) if can_watch else None)
+    store.log_values(fitted.run_id, tags={BUILT_TAG: key})
+    return fitted.run_id, fitted.recogniser
+
+
+def build_key(*parts: object) -> str:
+    """Short hash of what a model is built from."""
+    return hashlib.sha256(json.dumps([str(part) for part in parts]).encode()).hexdigest()[:20]
+
+
+def linked_costs(on: Mapping[str, Any], values: Mapping[str, Any], run_id: str) -> dict[str, float]:
+    """`CHIP_COSTS` of a system in C, trained on all captures; stored with the model."""
+    store, key = connect(writes=True), _linked_key(run_id)
+    for model in store.search_runs(f"tags.`{BUILT_TAG}` = '{key}'"):
+        if all(f"linked_{name}" in model.data.metrics for name in CHIP_COSTS):
+            return {name: model.data.metrics[f"linked_{name}"] for name in CHIP_COSTS}
+    model_id, recogniser = fit_or_load(on, values, key, stopping=False, watch=False)
+    costs = measure_on_chip(recogniser)
+    store.log_values(model_id, {f"linked_{name}": value for name, value in costs.items()})
+    return costs
+
+
+def _linked_key(run_id: str) -> str:
+    return build_key("linked", run_id, hash_fixed_code())
+
+
+def measure_on_chip(recogniser: Recogniser) -> dict[str, float]:
+    """Measure `CHIP_COSTS` of a model as linked C; a model that watches costs ``touch_watch``."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for file, text in write_c_sources(recogniser, BITS, "a system of bench build").items():
+            (folder / file).write_text(text, encoding="utf-8")
+        watches = "#define TOUCH_WATCH 1" in (folder / "touch.h").read_text(encoding="utf-8")
+        try:
+            numbers = measure_watching(folder) if watches else measure_footprint(folder, *ROOMY)
+        except ValueError as e:  # such as a program too large for the emulated chip
+            raise InputError(str(e)) from e
+    return {name: numbers[f"chip_{'watch_' * watches}{name}"] for name in CHIP_COSTS}
+
+
+def train_chosen(
+    on: Mapping[str, Any], choice: ChosenSystem, scene: Scene
+) -> tuple[str, Recogniser, dict[str, float] | None, str]:
+    """Train the chosen system on all captures, with as many abilities as the budgets allow.
+
+    Returns:
+        Id of its run, the model, its `CHIP_COSTS` (None if they cannot be measured), and the
+        abilities that the budgets exclude, in words.
+    """
+    run_id, recogniser = fit_or_load(on, choice.values, build_key(choice.run_id, "built"))
+    if missing_programs():
+        return run_id, recogniser, None, ""
+    watches = recogniser.watcher is not None
+    costs = measure_on_chip(recogniser)
+    if _fits_budgets(costs, choice):
+        return run_id, recogniser, costs, ""
+    state = "trained on all captures"
+    if needs_stream(scene):
+        state = "with the detector that the scene needs"
+    else:
+        attempts = [(_linked_key(choice.run_id), False, EARLY)]
+        if watches:
+            only_stopping = build_key(choice.run_id, "built", STREAM), True, STREAM
+            attempts = [only_stopping, (attempts[0][0], False, f"{STREAM}, {EARLY}")]
+        for key, stopping, excluded in attempts:
+            recogniser.watcher = None
+            recogniser.stopping = recogniser.stopping if stopping else None
+            costs = measure_on_chip(recogniser)
+            if _fits_budgets(costs, choice):
+                options = {"stopping": stopping, "watch": False}
+                stored = fit_or_load(on, choice.values, key, **options)
+                return *stored, costs, excluded
+    kilobytes = [f"{costs[name] / 1000:.1f} kB" for name in ("flash_bytes", "ram_bytes")]
+    raise InputError(
+        f"{choice.name} fits, but {state} it takes {kilobytes[0]} of flash and {kilobytes[1]} of "
+        "RAM; take a larger board or raise its budgets"
+    )
+
+
+def _fits_budgets(costs: Mapping[str, float], choice: ChosenSystem) -> bool:
+    limits = {name: choice.limits.get(cost, np.inf) for cost, name in CHIP_COST_OF.items()}
+    return all(costs[name] <= 1000 * limit for name, limit in limits.items())
