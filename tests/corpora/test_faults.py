@@ -88,7 +88,7 @@ BY_HAND = [  # fault, amount, frames, draws, damaged frames
     ("shift", 0.5, SIX, {"uniform": np.pi / 2}, [[[0.05, 0.1, 0.15], [0.25, 0.35, 0.45]]]),
     ("rotation", 90, TAPS, {"choice": 1}, np.rot90(TAPS, -1, (1, 2))),
     ("rotation", 90, TAPS, {"choice": -1}, np.rot90(TAPS, 1, (1, 2))),
-    # Taxel (0, 2) reads 0.414 above the taxel pressed, beyond the edge; (0, 1) and (1, 2) read beside it.
+    # Taxel (0, 2) reads 0.414 above the pressed taxel; (0, 1) and (1, 2) read beside it.
     (
         *("rotation", 45, np.pad([[[1.0]]], ((0, 0), (0, 2), (1, 1))), {"choice": 1}),
         [[[0, HALF * (1 - HALF), 2 - 2 * HALF], [0, 0, HALF * (1 - HALF)], [0, 0, 0]]],

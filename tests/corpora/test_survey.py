@@ -1,4 +1,4 @@
-"""What a corpus holds, against pandas on a table of all readings, or by hand; equal captures, against all pairs."""
+"""Surveys against pandas on a table of all readings, duplicates against all pairs."""
 
 import itertools
 
@@ -174,23 +174,10 @@ def test_what_is_tested_after_training_is_that_of_a_loop(seed):
     assert leaked_captures(groups, sides, 20) == sorted(expected.items())
 
 
-def test_an_import_warns_of_them_and_a_survey_lists_them():
-    corpus = copied(random_corpus(longest=20), [(10, 1), (30, 1), (5, 4)])
-    survey, table = Survey(corpus), Survey(corpus).duplicates
-    (line,) = survey.repeat_warnings()
-    assert (
-        "\n" not in line
-        and line.startswith("Duplicates: 5 captures")
-        and Survey(random_corpus()).repeat_warnings() == []
-    )
-    assert table[["group", "capture"]].to_numpy().tolist() == [
-        [1, 1],
-        [1, 10],
-        [1, 30],
-        [2, 4],
-        [2, 5],
-    ]
-    assert Survey(corpus[np.array([30, 9, 1])]).duplicates["capture"].tolist() == [
-        1,
-        30,
-    ]  # of the whole corpus
+def test_repeated_recordings_are_listed_and_warned_of():
+    survey = Survey(copied(random_corpus(longest=20), [(10, 1), (30, 1), (5, 4)]))
+    (warning,) = survey.repeat_warnings()
+    assert "\n" not in warning and warning.startswith("Duplicates: 5 captures")
+    groups = survey.duplicates[["group", "capture"]].to_numpy().tolist()
+    assert groups == [[1, 1], [1, 10], [1, 30], [2, 4], [2, 5]]
+    assert Survey(random_corpus()).repeat_warnings() == []

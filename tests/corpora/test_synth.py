@@ -18,8 +18,8 @@ from bench.corpora.synth import generate
 from bench.errors import InputError
 from bench.features.jung54 import Jung54
 
-# Jung et al. 2017, Table 4: mean and maximum pressure (g/cm2), contact area (feature 21), duration (ms) and its SD; and
-# medians over the gentle and normal captures of the 2015 challenge's training part, in frames.
+# Jung et al. 2017, Table 4: mean and maximum pressure (g/cm2), contact area (feature 21), duration
+# (ms) and its SD; and the median number of frames of the 2015 challenge's training captures.
 PUBLISHED = pd.DataFrame(
     {
         "grab": (349, 1774, 0.59, 1373, 715, 160),
@@ -66,7 +66,7 @@ def test_durations_areas_and_the_order_of_pressures_are_as_published(described):
 
 
 def test_it_is_as_hard_as_people(described):
-    """Jung et al. 2017 get 48 to 60 % over unseen subjects, and name five pairs that are confused (Tables 6 and 8)."""
+    """Jung et al. 2017 reach 48 to 60 % on unseen subjects; five pairs are confused."""
     values = described.filter(regex=r"^f\d\d").to_numpy()
     gestures = described["gesture"].to_numpy(dtype=str)
     svm = make_pipeline(StandardScaler(), SVC(C=10, gamma=0.01))

@@ -95,7 +95,7 @@ def test_words_and_numbers_of_any_kind(tmp_path):
 
 
 def square(*names, **columns):
-    """One capture of one frame on 2 x 2 taxels; the value of a channel is the number in its name."""
+    """A frame of 2 x 2 taxels; the value of a channel is the number in its name."""
     values = [int("".join(c for c in name if c.isdecimal()) or 0) for name in names]
     table = pd.DataFrame(
         [["ann", "pat", 0, *values]], columns=["subject", "gesture", "frame", *names]

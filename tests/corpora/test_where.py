@@ -1,4 +1,4 @@
-"""Conditions on captures: the same as pandas' queries where they are allowed, and nothing but conditions."""
+"""Conditions on captures give what pandas' queries give, and can do nothing else."""
 
 import time
 from pathlib import Path
@@ -15,7 +15,7 @@ WORDS = ["pat", "rub", "slap", "a b", "", "é", "p", "'", "&", "or"]
 
 @pytest.fixture
 def captures():
-    """Text with and without gaps, whole numbers, floats with gaps, truth; names with a space and with an accent."""
+    """Text, whole numbers, floats and truth values, some with gaps; two unusual names."""
     rng = np.random.default_rng(3)
     table = pd.DataFrame({name: rng.choice(WORDS, 60) for name in ("subject", "gesture", "cover")})
     table = table.assign(

@@ -1,4 +1,4 @@
-"""CoST, HAART and CuddleBot: small files in the layout of each, by hand; `test_untrusted` has wrong ones."""
+"""CoST, HAART and CuddleBot: small files by hand; `test_wrong_files` has wrong ones."""
 
 import tarfile
 import zipfile
@@ -40,7 +40,7 @@ def test_cost_by_hand(tmp_path):
 
 
 def test_the_training_subjects_of_the_challenge_are_recovered():
-    """31 subjects with one gentle and one normal capture each of the four gestures; 21 have the published sums."""
+    """31 subjects with one gentle and one normal capture of four gestures; 21 have known sums."""
     rows, lengths = [], []
     for subject in range(31):
         for gesture, sums in cost.CHALLENGE_FRAMES.items():
