@@ -16,44 +16,25 @@ from torch import nn
 
 
 def run_taxel_major(net: nn.Sequential, x: torch.Tensor) -> torch.Tensor:
-    """Run a stack of convolutions, ReLUs and 2 x 2 poolings, then the layers after `nn.Flatten`.
+    """Run blocks of a convolution, ReLU and 2 x 2 pooling, then `nn.Flatten` and the other layers.
 
     Args:
-        net: ``Conv2d`` (stride 1, zero padding), ``ReLU`` and ``MaxPool2d(2, ceil_mode=True)`` up
-            to a ``Flatten``.
+        net: ``Conv2d`` (stride 1, zero padding), ``ReLU``, ``MaxPool2d(2, ceil_mode=True)``,
+            repeated up to ``Flatten``.
         x: [batch, channels, rows, cols]; fastest with the memory layout [rows, cols, batch,
             channels].
 
     Returns:
         The output of ``net(x)``, up to rounding.
-
-    Raises:
-        TypeError: another layer stands before ``Flatten``.
     """
-    layers = list(net)
-    end = next(i for i, layer in enumerate(layers) if isinstance(layer, nn.Flatten))
+    end = next(i for i, layer in enumerate(net) if isinstance(layer, nn.Flatten))
     grid = x.permute(2, 3, 0, 1).contiguous()
-    i = 0
-    while i < end:
-        layer, following = layers[i], layers[i + 1]
-        if isinstance(layer, nn.ReLU) and isinstance(following, nn.MaxPool2d):
-            # they commute, and pooling leaves a quarter of the work
-            grid = max_pool(grid).relu()
-            i += 1
-        elif isinstance(layer, nn.Conv2d):
-            weight = layer.weight.permute(2, 3, 1, 0).contiguous()
-            grid = convolve_grid(grid, weight, layer.bias, *layer.padding)
-        elif isinstance(layer, nn.ReLU):
-            grid = grid.relu()
-        elif isinstance(layer, nn.MaxPool2d):
-            grid = max_pool(grid)
-        else:
-            raise TypeError(f"{type(layer).__name__} has no taxel-major form")
-        i += 1
-    x = grid.permute(2, 3, 0, 1)
-    for layer in layers[end:]:
-        x = layer(x)
-    return x
+    for conv in net[:end:3]:
+        weight = conv.weight.permute(2, 3, 1, 0).contiguous()
+        grid = convolve_grid(grid, weight, conv.bias, *conv.padding)
+        # ReLU and pooling commute, and pooling first leaves a quarter of the work
+        grid = max_pool(grid).relu()
+    return net[end:](grid.permute(2, 3, 0, 1))
 
 
 def max_pool(grid: torch.Tensor) -> torch.Tensor:

@@ -24,6 +24,7 @@ def test_a_stack_equals_its_taxel_major_form(rows, cols, kernel, padding, seed):
         nn.MaxPool2d(2, ceil_mode=True),
         nn.Conv2d(4, 5, 2, padding=1),
         nn.ReLU(),
+        nn.MaxPool2d(2, ceil_mode=True),
         nn.Flatten(),
         nn.LazyLinear(2),
     ).double()
