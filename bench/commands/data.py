@@ -210,6 +210,8 @@ def _verify_corpus(name: str) -> int:
 
 def _export_corpus(name: str, file: Path, values: dict[str, str]) -> int:
     """Write a corpus in the format of CoST.csv, or as a table."""
+    if not file.name or (file.exists() and not file.is_file()):  # such as a pipe, which would wait
+        raise InputError(f"{file} cannot be written (it is not a plain file); name a file")
     given_format = typed_settings("data", values, EXPORT_OPTIONS)["format"]
     parameters = {key: value for key, value in values.items() if key != "format"}
     corpus = load_selected_captures(name, parameters)
