@@ -1,4 +1,4 @@
-"""The command ``bench check``: a system from one commit to the next, bad input, and the gate of this project."""
+"""The command ``bench check``: a system from one commit to the next, and the gate of this project."""
 
 from pathlib import Path
 from xml.etree import ElementTree
@@ -7,7 +7,8 @@ import pytest
 
 from bench.cli import main
 from bench.ground.source import git_revision
-from bench.reading.gate import read
+from bench.reading.gate import read_baseline
+from tests.conftest import SMALL
 
 
 @pytest.fixture
@@ -57,7 +58,7 @@ def test_the_command_holds_a_system_from_one_commit_to_the_next(copied, capsys):
 
     out = said("update=true", "model=copied", *small).out
     assert "new      copied | synth* | loso: " in out and f"{baseline}: 1 system" in out
-    before, (stored,) = baseline.read_text(), read(baseline)
+    before, (stored,) = baseline.read_text(), read_baseline(baseline)
     assert (
         len(stored.labels) == 56
         and stored.names["seed"] == "none"
@@ -98,7 +99,7 @@ def test_the_command_holds_a_system_from_one_commit_to_the_next(copied, capsys):
     assert baseline.read_text() == before and len(list(baseline.parent.iterdir())) == 1
     out = said(*more).out
     assert "same     copied" in out and "new      bayes · jung28 | synth* | loso: " in out
-    assert [m.names["system"] for m in read(baseline)] == ["copied", "bayes · jung28"]
+    assert [m.names["system"] for m in read_baseline(baseline)] == ["copied", "bayes · jung28"]
     out = said("model=bayes", "data=synth").out  # keys select systems of the baseline
     assert "bayes · jung28" in out and "copied" not in out and "1 of 1 systems are the same" in out
 
@@ -112,4 +113,23 @@ def test_the_systems_are_what_the_baseline_says(capsys):
     """Labels and size; of computing time only what no difference between machines explains."""
     code = main(["check", f"baseline={BASELINE}", "slower=10"])
     assert code == 0, capsys.readouterr().out
-    assert all(measured.synthetic for measured in read(BASELINE))
+    assert all(measured.synthetic for measured in read_baseline(BASELINE))
+
+
+def test_a_check_that_comes_to_no_verdict_leaves_no_green_file(capsys):
+    good = "from sklearn.tree import DecisionTreeClassifier as Tree\ndef tree():\n    return Tree(random_state=0)\n"
+    report, system, baseline = Path("check.xml"), Path("my.py"), Path("b.json")
+    system.write_text(good)
+    check = ["check", "baseline=b.json", "junit=check.xml"]
+    few = [*SMALL, "features=jung28", "model=my.py:tree"]
+    assert main([*check, "update=yes", *few]) == main(check) == 0
+    assert 'failures="0" errors="0"' in report.read_text()
+    Path("bad.json").write_text("<<<<<<< HEAD")
+    assert main(["check", "baseline=bad.json", "junit=check.xml"]) == 2
+    assert 'errors="1"' in (xml := report.read_text()) and "damaged" in xml
+    system.write_text(good.replace("random_state=0", "max_depth=-1"))
+    assert main(check) == 1
+    assert 'errors="1"' in (xml := report.read_text()) and "InvalidParameterError" in xml
+    baseline.write_bytes(b"\xef\xbb\xbf" + baseline.read_bytes())  # as some editors write it
+    system.write_text(good)
+    assert main(check) == 0

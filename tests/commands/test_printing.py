@@ -1,4 +1,4 @@
-"""What commands print: how much, warnings, values that can be typed; what a choice loads, and keys beside a scene."""
+"""What commands print, and what a choice loads."""
 
 import shlex
 import subprocess
@@ -9,15 +9,15 @@ import pytest
 
 import bench
 from bench.cli import main
-from bench.ground.words import quoted
-from bench.reports.views.captures import one_label
-from tests.reports.store import made_up, tracked_run
-from tests.results import evaluated, with_hits
+from bench.ground.typed import quote_value
+from bench.reports.views.captures import warn_of_one_label
+from tests.reading.results import make_run, predictions_with_hits
+from tests.reports.store import make_predictions, tracked_run
 
 
 def test_a_choice_loads_neither_torch_nor_scikit_learn(store):
     for system in ("lda", "svm"):
-        tracked_run(store, system, made_up())
+        tracked_run(store, system, make_predictions())
     code = "import sys; from bench.cli import main; main(['choose']); print({'torch', 'sklearn'} & set(sys.modules))"
     out = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
@@ -28,8 +28,10 @@ def test_a_choice_loads_neither_torch_nor_scikit_learn(store):
 def test_at_most_eight_lines_follow_the_table_and_why_prints_the_rest(store, capsys):
     """Of a protocol that mixes people, with a failed run and four budgets."""
     for i in range(3):
-        tracked_run(store, f"m{i}", made_up(8, seed=i), cost=3.0 * (i + 1), mixes_subjects="true")
-    tracked_run(store, "failed", made_up(8), failed=1)
+        tracked_run(
+            store, f"m{i}", make_predictions(8, seed=i), cost=3.0 * (i + 1), mixes_subjects="true"
+        )
+    tracked_run(store, "failed", make_predictions(8), failed=1)
 
     def below(*more):
         main(
@@ -44,20 +46,20 @@ def test_at_most_eight_lines_follow_the_table_and_why_prints_the_rest(store, cap
 
 
 def test_a_key_goes_before_a_line_of_the_scene(store):
-    tracked_run(store, "svm", made_up())
+    tracked_run(store, "svm", make_predictions())
     Path("robot.toml").write_text('[budget]\nflash = "1kB"\n')
     assert bench.choose(scene="robot.toml").system is None
     assert bench.choose(scene="robot.toml", max_flash="1MB").system == "svm"
 
 
 def test_a_run_with_one_label_in_a_fold_is_warned_of():
-    right = with_hits([20, 15, 10])
+    right = predictions_with_hits([20, 15, 10])
     one = right.assign(**{f"p_{g}": float(g == "pat") for g in ("pat", "rub", "tap")})
-    line = one_label([evaluated("lda", right), evaluated("One", one)])
+    line = warn_of_one_label([make_run("lda", right), make_run("One", one)])
     assert (
         "One in 3 of 3 folds" in line
         and "lda" not in line
-        and one_label([evaluated("lda", right)]) == ""
+        and warn_of_one_label([make_run("lda", right)]) == ""
     )
 
 
@@ -66,4 +68,4 @@ VALUES = r"""a == 'it"s'; x == '$HOME'; plain; a == '`ls`'; x == 'a!b'"""
 
 @pytest.mark.parametrize("value", VALUES.split("; "))
 def test_a_value_is_quoted_so_that_a_shell_hands_it_over(value):
-    assert shlex.split(f"where={quoted(value)}") == [f"where={value}"]
+    assert shlex.split(f"where={quote_value(value)}") == [f"where={value}"]

@@ -6,7 +6,8 @@ import pandas as pd
 from bench.corpora.corpus import Corpus
 
 GRIDS = [(8, 8), (3, 5), (5, 1), (1, 4), (1, 1)]
-LEVELS = {  # lowest and highest value, full scale: typical sensors, and values that are hard for float32
+# Lowest and highest reading, full scale: typical sensors, and readings that are hard for float32.
+LEVELS = {
     "10 bit": (0, 1023, 1023.0),
     "few levels": (0, 3, 60.0),  # 5 % are 3
     "some touch": (40, 120, 1020.0),  # 5 % are 51
@@ -28,7 +29,7 @@ def row_of(features, frames, rate=100.0, full_scale=1023.0):
     return features.fit_transform(corpus_of([np.asarray(frames)], None, rate, full_scale)).iloc[0]
 
 
-def ragged(seed, grid, low=0, high=1023):
+def ragged_frames(seed, grid, low=0, high=1023):
     """Captures of different lengths; some frames are untouched, others partly touched."""
     rng = np.random.default_rng(seed)
     arrays = []
@@ -38,17 +39,17 @@ def ragged(seed, grid, low=0, high=1023):
     return arrays
 
 
-def near(values, expected, rtol=1e-5, atol=1e-9):
-    np.testing.assert_allclose(
-        np.asarray(values, float), np.asarray(expected, float), rtol=rtol, atol=atol
-    )
+def assert_near(values, expected, rtol=1e-5, atol=1e-9):
+    values, expected = np.asarray(values, float), np.asarray(expected, float)
+    np.testing.assert_allclose(values, expected, rtol=rtol, atol=atol)
 
 
-def strongest(signal, waves, points):
-    """Number and size of the strongest of some waves of a signal: the slowest of equal ones, 0 if it is constant."""
+def strongest_wave(signal, waves, points):
+    """Number and size of the strongest of some waves: the slowest of equal ones; 0 if constant."""
     number, size = 0, 0.0
     for wave in waves if np.ptp(signal) > 1e-9 else []:
         turns = np.exp(-2j * np.pi * wave * np.arange(len(signal)) / points)
-        if abs((signal - signal.mean()) @ turns) > size * (1 + 1e-9):
-            number, size = wave, abs((signal - signal.mean()) @ turns)
+        amplitude = abs((signal - signal.mean()) @ turns)
+        if amplitude > size * (1 + 1e-9):
+            number, size = wave, amplitude
     return number, size

@@ -1,4 +1,4 @@
-"""Promises of every feature set: names, slices, rounding, constant captures, wrong parameters, no leaks."""
+"""Every feature set: names, slices, constant captures, wrong parameters, no leaks."""
 
 from functools import partial
 

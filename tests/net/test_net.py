@@ -106,26 +106,6 @@ def test_the_api_returns_what_it_returned(work, golden):
         golden(f"api/{name}.txt", shown(value, golden.folders))
 
 
-def test_a_changed_last_digit_of_a_store_is_told(in_net, net_store, capsys):
-    """By the comparison of stores that changes of structure go through."""
-    store = connect()
-    run = store.runs_of_kind("cell")[0].info.run_id
-    store.log_values(
-        run, {"macro_f1": np.nextafter(store.client.get_run(run).data.metrics["macro_f1"], 2)}
-    )
-    (path,) = in_net.glob(f"mlruns/*/{run}/artifacts/predictions.parquet")
-    table = pd.read_parquet(path)
-    table.loc[3, "p_pat"] = np.nextafter(table.loc[3, "p_pat"], np.float32(2))
-    table.to_parquet(path, index=False)
-    assert stores.main(net_store, in_net) == 1
-    found = capsys.readouterr().out
-    assert (
-        "macro_f1: 1 -> 1 rows, row 0" in found
-        and "p_pat: 12 -> 12 rows, row 3" in found
-        and "\n2 of " in found
-    )
-
-
 def shown(value, folders):
     """An object of the API as a text."""
     if isinstance(value, pd.DataFrame):

@@ -8,7 +8,7 @@ from pathlib import Path
 import pandas as pd
 
 from bench.cli import main
-from bench.grammar.options import commands
+from bench.grammar.options import load_commands
 from tests.net.build import step
 from tests.net.commands import STEPS
 
@@ -38,7 +38,7 @@ def test_next_lines_work(in_net, capsys):
     for command in (*made, *STEPS["fit"][:1]):
         assert "exit code" not in step(command)
     named = next_commands()
-    assert len(named) > 10 and {words[0] for words in named} <= {*commands()}
+    assert len(named) > 10 and {words[0] for words in named} <= {*load_commands()}
     for words in named:
         shutil.rmtree("chosen", ignore_errors=True)
         if words not in (

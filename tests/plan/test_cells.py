@@ -5,7 +5,7 @@ import resource
 import pytest
 
 from bench.errors import InputError
-from bench.grammar.options import RUN_KEYS, backend_of, parse_arguments
+from bench.grammar.options import RUN_KEYS, make_executor, parse_arguments
 from bench.plan.grid import make_cells
 from bench.plan.plan import make_plans
 
@@ -86,7 +86,7 @@ def test_a_mistake_is_refused_with_its_key_its_value_and_what_is_right(line, fac
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     with pytest.raises(InputError) as refusal:
         values = parse_arguments(line.split(), RUN_KEYS)
-        make_plans(make_cells(values), backend_of(values).jobs)
+        make_plans(make_cells(values), make_executor(values).jobs)
     message = str(refusal.value)
     assert all(fact in message for fact in facts) and "\n" not in message, message
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200_000  # kB

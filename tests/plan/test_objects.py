@@ -20,7 +20,7 @@ from bench.plan import objects
 from bench.plan.grid import make_cells
 from bench.plan.plan import make_plans
 from bench.running import loop
-from tests.running.fakes import Memory
+from tests.running.fakes import MemoryStore
 
 SMALL = {"data.subjects": 3, "data.variants": ("normal",)}
 
@@ -74,7 +74,7 @@ def test_what_stands_first_decides_whether_captures_or_a_table_is_read():
 
 
 def test_searches_and_unions_over_captures_run(monkeypatch):
-    monkeypatch.setattr(loop, "connect", lambda writes: Memory())
+    monkeypatch.setattr(loop, "connect", lambda writes: MemoryStore())
     union = make_pipeline(FeatureUnion([("a", Jung28()), ("b", Jung28())]), SVC())
     search = GridSearchCV(make_pipeline(Jung28(), SVC()), {"svc__C": [1, 2]}, cv=2)
     for outcome in loop.run_plans(

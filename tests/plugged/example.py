@@ -8,11 +8,11 @@ import pandas as pd
 from sklearn.dummy import DummyClassifier
 from sklearn.pipeline import make_pipeline
 
-from bench.grammar.options import DATA, Command, Option, keys, parse
+from bench.grammar.options import DATA, Command, Option, key_options, parse_arguments
 from bench.reports.views.base import View
 from bench.running.circumstances.base import Case, Circumstance, option
-from bench.running.fitted import Fitted
-from bench.values.measures import Cost, in_percent
+from bench.running.fitted import FittedFold
+from bench.values.measures import Cost, to_percent
 
 
 @dataclass(frozen=True)
@@ -24,20 +24,20 @@ class Fewer(Circumstance):
 
     each: tuple[int, ...] = option((), "numbers of training captures of each class", type="counts")
 
-    def cases(self, at: Fitted) -> Iterator[Case]:
+    def cases(self, at: FittedFold) -> Iterator[Case]:
         """A system fitted on the first captures of each class, for each number."""
         gestures = pd.Series(at.train.gestures)
         for number in self.each:
             first = (gestures.groupby(gestures).cumcount() < number).to_numpy()
-            yield Case(level=number, system=at.refitted(at.fold.train[first]))
+            yield Case(level=number, system=at.fit_again(at.fold.train[first]))
 
 
 class Shown(View):
     noun = "captures of each class"
     heading = "Accuracy in percent by training captures of each class"
     costs = (
-        Cost("each_loss", read="loss.each", scale=in_percent, unit="points", noun="loss to few captures",
-             words="lost to few captures", help="largest mean loss with few training captures, in points",
+        Cost("each_loss", source="loss.each", scale=to_percent, unit="points", noun="loss to few captures",
+             phrase="lost to few captures", help="largest mean loss with few training captures, in points",
              shows=()),
     )  # fmt: skip
 
@@ -59,5 +59,5 @@ LOUD = Option("loud", "yes", False, "yes: say so")
 
 def count(arguments):
     """Print how many letters a name has."""
-    print(len(parse(arguments, keys("count"))["data"]), "letters")
+    print(len(parse_arguments(arguments, key_options("count"))["data"]), "letters")
     return 0

@@ -14,7 +14,7 @@ from bench.values.columns import run_columns
 from bench.values.intervals import ratio_interval
 from tests.reading.results import make_run, predictions_with_hits
 
-# Two subjects, three captures, classes a and b. Three windows of capture 0 vote a, a, b; their mean is b.
+# Two subjects, three captures. Windows of capture 0 vote a, a, b; their mean probability says b.
 PREDICTIONS = pd.DataFrame(
     [
         ("1", 0, 0, 10, "a", "1", 0.6, 0.4),

@@ -3,7 +3,6 @@
 import ast
 import contextlib
 import io
-import sys
 from pathlib import Path
 
 import pandas as pd
@@ -23,7 +22,7 @@ def done(arguments):
         return main(arguments), out.getvalue()
 
 
-EXAMPLE = (Path(__file__).parent / "plugged" / "example.py").read_text()
+EXAMPLE = (Path(__file__).parents[1] / "plugged" / "example.py").read_text()
 POINTS = """
 [touchbench.models]
 usual = example:usual
@@ -138,43 +137,3 @@ def test_a_package_adds_a_command_and_a_key_of_others(plug):
     )
     assert "loud= " in command_help("fit") and "loud= " not in command_help("run")
     assert "lost" not in help_overview() and done(["lost"])[0] == 2
-
-
-def test_a_run_enters_no_other_kind_no_choice_and_no_report(tmp_path):
-    """Every Python function that a run calls, with folds in this process."""
-    few = [
-        *SMALL,
-        "where=gesture in ('pat', 'tap')",
-        "features=jung28",
-        "under=noise",
-    ]  # what is traced takes long
-    assert done(["run", *few, "model=tree"])[0] == 0  # all is imported, and so not traced
-    root, entered = Path(registry.__file__).parents[2], set()
-
-    def trace(frame, event, _):
-        if (
-            event == "call"
-            and frame.f_code.co_filename.startswith(str(root))
-            and frame.f_code.co_name[0] != "<"
-        ):
-            entered.add(str(Path(frame.f_code.co_filename).relative_to(root)))
-
-    sys.setprofile(trace)
-    try:
-        assert done(["run", *few, "model=tree", "seed=1"])[0] == 0
-    finally:
-        sys.setprofile(None)
-    of = {
-        folder: {file for file in entered if file.startswith(folder)}
-        for folder in ("bench/", "reports/")
-    }
-    measured = {file for file in of["bench/"] if file.startswith("bench/running/circumstances/")}
-    assert measured == {
-        "bench/running/circumstances/base.py",
-        "bench/running/circumstances/faults.py",
-    }
-    views = ("base", "captures", "faults")
-    assert of["reports/"] == {f"reports/views/{name}.py" for name in views}  # of what is printed
-    choice = {"candidates", "choice", "reactions"}
-    assert not {f"bench/reading/{name}.py" for name in choice} & of["bench/"]
-    assert not {f"bench/commands/{name}.py" for name in ("choose", "report")} & of["bench/"]

@@ -1,5 +1,6 @@
 """What the README and the pages of docs/ promise, as it is written there."""
 
+import inspect
 import itertools
 import json
 import os
@@ -15,16 +16,16 @@ import pytest
 import bench
 from bench import contract
 from bench.cli import main
-from bench.grammar.options import commands, keys, parse
-from bench.ground.registry import circumstance_views
-from bench.reading.runs import every_result
+from bench.grammar.options import key_options, load_commands, parse_arguments
+from bench.ground.registry import views_of_circumstances
+from bench.reading.runs import load_results
 from bench.store.client import connect
 from bench.values.columns import run_columns
-from bench.values.measures import in_percent
-from bench.values.result import COUNTS
+from bench.values.measures import to_percent
+from bench.values.result import FOLD_COUNTS
 from tests.conftest import predictions, runs
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text()
 DOCS = {path.name: path.read_text() for path in (ROOT / "docs").glob("*.md")}
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
@@ -43,7 +44,7 @@ def test_every_command_is_introduced_and_every_command_line_is_taken():
         *DOCS.values(),
         *(path.read_text() for path in (ROOT / "docs" / "notes").glob("*.md")),
     ]
-    for command in commands():
+    for command in load_commands():
         assert any(f"bench {command}" in text for text in texts), command
     lines = [
         line
@@ -56,14 +57,14 @@ def test_every_command_is_introduced_and_every_command_line_is_taken():
             command, *words = shlex.split(re.split(r" [|<>] | \|\|", line)[0], comments=True)
         except ValueError:  # a quotation that goes on in prose
             continue
-        if command in commands() and command != "data" and "--help" not in words:
+        if command in load_commands() and command != "data" and "--help" not in words:
             values = [
                 f"{word}1" if word.endswith("=") else word
                 for word in words
                 if "=" in word and "<" not in word
             ]
             if not ADDED & {value.partition("=")[0] for value in values}:
-                checked += len(parse(values, keys(command)))
+                checked += len(parse_arguments(values, key_options(command)))
     assert checked > 150
 
 
@@ -85,13 +86,11 @@ def test_a_recogniser_of_ones_own_runs_from_its_file_with_its_sizes():
 
 
 def test_every_name_of_the_contract_is_on_the_page_of_ones_own_system():
-    hooks = [
-        each
-        for each in vars(contract).values()
-        if isinstance(each, contract.Hook | contract.Method)
-    ]
-    assert len(hooks) > 15
-    assert not [each.name for each in hooks if f"`{each.name}" not in DOCS["your_system.md"]]
+    methods = [value for value in vars(contract).values() if isinstance(value, contract.Method)]
+    attributes = re.findall(r'getattr\(\w+, "(\w+)"', inspect.getsource(contract))
+    names = {*attributes, *(method.name for method in methods)} - {"__name__"}
+    assert len(names) > 20
+    assert not [name for name in names if f"`{name}" not in DOCS["your_system.md"]]
 
 
 @pytest.mark.parametrize(
@@ -127,10 +126,10 @@ def tracked():
         "relative": "factor",
     }
     for one in (measure for measure in run_columns() if measure.meaning):
-        units = [named[word] for word in one.source.split("_") if word in named]
+        units = [named[word] for word in one.source_name.split("_") if word in named]
         yield (
-            one.source,
-            "share" if one.scale is in_percent else units[0] if units else "number",
+            one.source_name,
+            "share" if one.scale is to_percent else units[0] if units else "number",
             one.meaning,
         )
 
@@ -140,13 +139,13 @@ def test_the_page_of_the_store_has_every_number_of_a_run_with_unit_and_meaning(i
     assert rows == [*tracked()]
     plain = [
         r
-        for r in every_result(connect())
-        if not any(view.holds(r) for view in circumstance_views())
+        for r in load_results(connect())
+        if not any(view.applies_to(r) for view in views_of_circumstances())
     ]
     assert any("windows" in r for r in plain)
     variant = re.compile("^(vote|window)_|(?<=accuracy)_(low|high)$|_p(50|95|99)$")
     names = {variant.sub("", name) for r in plain for name in r.metrics}
-    assert {"abstained"} | names - {*COUNTS} == {variant.sub("", name) for name, *_ in rows}
+    assert {"abstained"} | names - {*FOLD_COUNTS} == {variant.sub("", name) for name, *_ in rows}
 
 
 @pytest.mark.live

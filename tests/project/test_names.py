@@ -17,10 +17,10 @@ from hypothesis import strategies as st
 import bench
 from bench.cli import main
 from bench.corpora.library import import_corpus
-from bench.corpora.read.limits import flaw
-from bench.protocols.subjects import natural_order
+from bench.corpora.read.limits import label_defect
+from bench.protocols.subjects import sort_naturally
 from bench.reading.reactions import NOTHING
-from bench.reading.runs import every_result
+from bench.reading.runs import load_results
 from bench.store.client import connect
 from tests.conftest import random_corpus
 from tests.net.build import inside
@@ -93,9 +93,9 @@ def measured(gestures, people):
     tables = {"run": bench.run(data="arm", model="bayes", **system)}
     tables |= {"stress": bench.stress(data="arm", model="tree", faults="noise", **system)}
     tables |= {"runs": bench.runs(), "groups": bench.groups(data="arm")}
-    tables["scene"] = bench.choose(data="arm", scene="scene.toml", by="flash").choice.table
+    tables["scene"] = bench.choose(data="arm", scene="scene.toml", by="flash").table
     every = {name: numbers(table, back) for name, table in tables.items()}
-    for i, result in enumerate(every_result(connect())):
+    for i, result in enumerate(load_results(connect())):
         every |= {
             (i, name): value for name, value in result.metrics.items() if not MASKED.fullmatch(name)
         }
@@ -107,7 +107,7 @@ def measured(gestures, people):
 
 
 def usable(word):
-    return not flaw(word) and word == word.strip() and word != NOTHING
+    return not label_defect(word) and word == word.strip() and word != NOTHING
 
 
 words = st.sampled_from(HARD) | st.text("aé,\"' 0.", min_size=1, max_size=4).filter(usable)
@@ -128,7 +128,7 @@ PHASES = [Phase.explicit, *[Phase.generate] * bool(DRAWN)]
 
 
 @settings(max_examples=max(1, DRAWN), phases=PHASES)
-@given(called=names.filter(lambda called: natural_order(called[1]) == called[1]))
+@given(called=names.filter(lambda called: sort_naturally(called[1]) == called[1]))
 @example(called=(["NA", "capture", "true"], ["03", "1.0", "null"]))
 def test_numbers_are_the_same_under_other_names(expected, called, tmp_path_factory, empty_store):
     with inside(tmp_path_factory.mktemp("names"), empty_store):

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 ROOMS = ("bench", "features", "models", "protocols", "reports")
 FILES = ("pyproject.toml", "README.md", "LICENSE")
 SMALL = ["data.subjects=3", "data.variants=normal", "data.repetitions=2"]

@@ -1,22 +1,20 @@
-"""The command: every bad line is one line with exit code 2; streams, files and folders that cannot be used."""
+"""The command: a bad line is one line of output with exit code 2; streams and files."""
 
-import json
+import io
 import os
-import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from bench.cli import main
-from bench.commands.ui import draw_missing_figures
-from bench.store.client import connect
-from tests.commands.test_server import free_port
+from bench.cli import _accept_all_output, main
 from tests.conftest import BENCH
 
 SMALL = ["data=synth", "data.subjects=2", "data.variants=normal"]
 SYNTH = ["data", "export", "synth"]
+FEW = "where=gesture in ('pat', 'rub', 'tap') and (gesture != 'rub' or subject in ('1', '2'))"
+FEW_RUBS = ["data.subjects=4", "data.variants=normal", "data.repetitions=1", "features=jung28", FEW]
 BAD = [  # arguments, and what the line names
     (["run", "model="], "'model='"),
     (["run", "data.subjects.x=2"], "subjects.x"),
@@ -32,6 +30,8 @@ BAD = [  # arguments, and what the line names
     ),
     (["run", "after=each", "hop_ms=1"], "hop_ms=1"),
     (["run", "after=each", "stopping=yes", "data.subjects=2"], "one subject"),
+    (["run", "model=bayes", "train_subjects=1", *FEW_RUBS], "nobody"),
+    (["tune", "model=tree", "inner=loso", *FEW_RUBS], "nobody"),
     (["fit", "stopping=maybe"], "stopping=maybe"),
     (["predict", "rec"], "MODEL FILE"),
     (["predict", "rec", "x.csv", "rate_hz=-1"], "rate_hz=-1"),
@@ -63,56 +63,19 @@ def test_a_bad_line_is_one_line_that_names_the_key_and_writes_nothing(arguments,
     assert made == {"folder", "taken", "file", "pipe"} and Path("file").read_text() == "mine"
 
 
+def test_output_is_written_where_the_locale_knows_no_such_letter(monkeypatch):
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(written := io.BytesIO(), encoding="ascii"))
+    _accept_all_output()
+    print("\xb7", flush=True)
+    assert written.getvalue().strip() == b"\\xb7"
+
+
 @pytest.mark.parametrize("arguments", [["--help"], ["data"]])
 def test_output_that_is_closed_is_no_error(arguments):
     done = subprocess.run(
         [*BENCH, *arguments], stderr=subprocess.PIPE, preexec_fn=lambda: os.close(1)
     )
     assert (done.returncode, done.stderr) == (0, b"")
-
-
-def test_the_ui_opens_a_view_with_columns_that_runs_have(in_net, monkeypatch, capsys):
-    # Instead of MLflow's server one that answers once, and ends.
-    code = (
-        "from http.server import HTTPServer, SimpleHTTPRequestHandler; "
-        f"HTTPServer(('127.0.0.1', {(port := free_port())}), SimpleHTTPRequestHandler).handle_request()"
-    )
-    started = subprocess.Popen
-    monkeypatch.setattr(subprocess, "Popen", lambda *_, **__: started([sys.executable, "-c", code]))
-    assert main(["ui", f"port={port}"]) == 0
-    key = re.search(r"viewStateShareKey=(\w+)", capsys.readouterr().out)[1]
-    store = connect()
-    view = json.loads(
-        store.client.get_experiment(store.experiment_id).tags[f"mlflow.sharedViewState.{key}"]
-    )
-    shown = store.search_runs()
-    kinds = {run.info.run_name.split()[0] for run in shown}
-    assert kinds == {"run", "tune"}
-    run = next(run for run in shown if run.info.run_name.startswith("run "))
-    for column in view["selectedColumns"]:
-        kind, name = re.fullmatch("(metrics|params)[.]`(.+)`", column).groups()
-        assert name in getattr(run.data, kind), column
-
-
-def test_figures_of_runs_are_drawn_once(in_net, monkeypatch):
-    drawings = []
-    figure = "matplotlib.figure.Figure.savefig"
-    monkeypatch.setattr(
-        figure, lambda self, path, **_: drawings.append(Path(path).write_text("<svg/>"))
-    )
-    store = connect()
-    for _ in range(2):
-        runs = store.runs_of_kind("cell")
-        assert {*draw_missing_figures(store)} == {run.info.run_id for run in runs}
-        names = [
-            (
-                r.info.run_name.split()[0],
-                {*store.artifact_names(r.info.run_id, r.info.artifact_uri)},
-            )
-            for r in runs
-        ]
-        assert all("confusion.svg" in files for kind, files in names if kind in ("run", "tune"))
-    assert len(drawings) == sum(file.endswith(".svg") for _, files in names for file in files)
 
 
 def test_memory_that_runs_out_is_one_line(monkeypatch, capsys):

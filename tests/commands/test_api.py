@@ -11,7 +11,7 @@ import bench
 from bench.features.jung28 import Jung28
 from bench.grammar.options import typed_settings
 from tests.conftest import predictions, runs
-from tests.reports.store import tracked_run, with_hits
+from tests.reports.store import predictions_with_hits, tracked_run
 
 TINY = {"data__subjects": 3, "data__variants": ("normal",), "data__repetitions": 1, "jobs": 1}
 
@@ -63,13 +63,13 @@ def test_results_and_run_show_what_is_tracked(in_net, capsys):
 
 def test_what_cannot_be_compared_is_refused(store):
     rough = {"subset": "variant == 'rough'"}
-    tracked_run(store, "a", with_hits([15] * 6))
-    tracked_run(store, "b", with_hits([14] * 6), **rough)
+    tracked_run(store, "a", predictions_with_hits([15] * 6))
+    tracked_run(store, "b", predictions_with_hits([14] * 6), **rough)
     for pair, fact in {("a", "b"): "'rough'", ("a", "none"): "'none'", ("a", "a"): "two"}.items():
         with pytest.raises(bench.InputError, match=fact):
             bench.compare(*pair)
-    tracked_run(store, "a", with_hits([15] * 6), **rough)
-    tracked_run(store, "b", with_hits([14] * 6))
+    tracked_run(store, "a", predictions_with_hits([15] * 6), **rough)
+    tracked_run(store, "b", predictions_with_hits([14] * 6))
     with pytest.raises(bench.InputError, match="where="):
         bench.compare("a", "b")
     assert bench.compare("a", "b", where="variant == 'rough'").difference == pytest.approx(5)
