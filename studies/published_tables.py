@@ -2,7 +2,8 @@
 
     python studies/published_tables.py
 
-``albawi2018_table3.csv`` has counts of windows, in the order and under the names of the print. ``jung2017_table8.csv`` has counts of captures; columns are the actual classes.
+``albawi2018_table3.csv`` has counts of windows, in the order and under the names of the print.
+``jung2017_table8.csv`` has counts of captures; columns are the actual classes.
 ``jung2017_table7.csv`` has the share of correct captures of each subject. ``hughes2017_haart.csv``
 (Tables II to IV) and ``hughes2017_cost.csv`` (V to VII) have percent of each actual class.
 """

@@ -90,7 +90,7 @@ def _make_cells_of_grid(name: str, values: Values) -> list[Cell]:
     options = {key: value for key, value in values.items() if key.partition(".")[0] not in shared}
     cells = make_cells({key: value for key, value in values.items() if key not in options})
     if name == "stress":
-        options["under"] = options.pop("faults", ALL_FAULTS)
+        options["under"] = options.setdefault("faults", ALL_FAULTS)
     makes = load_part("commands", name).makes
     if makes != "run" and (kind := load_part("circumstances", makes)).is_run_kind:
         return [replace(cell, run_kind=each) for cell in cells for each in kind.from_typed(options)]

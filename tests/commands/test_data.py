@@ -31,7 +31,7 @@ def test_the_command_and_the_function_show_the_same(capsys):
 
 @pytest.mark.parametrize(
     ("people", "captures", "protocol"),
-    [(2, 1, "loso"), (1, 1, ""), (1, 3, "kfold protocol.folds=3"), (1, 5, "kfold")],
+    [(2, 1, "loso"), (1, 1, ""), (1, 3, "kfold protocol.folds=3"), (1, 10, "kfold")],
 )
 def test_a_corpus_is_run_with_a_protocol_that_it_is_large_enough_for(people, captures, protocol):
     corpus = bench.corpus("synth", subjects=people, variants=("normal",), repetitions=captures)

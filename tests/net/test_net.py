@@ -5,14 +5,12 @@
 
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 import pytest
 
 import bench
 from bench.grammar.options import load_commands
-from bench.store.client import connect
-from tests.net import masks, stores
+from tests.net import masks
 from tests.net.build import RUNS, step
 from tests.net.commands import FILES, LINES, ON, SCENES, STEPS, WRONG
 

@@ -68,6 +68,9 @@ MISTAKES = [  # what is typed, and facts that the message names; others are gold
     ("model=cnn85 model.hop=0", "model.hop=0", "1"),
     ("model=rf model.trees=0", "model.trees=0"),
     ("data.subjects=2 model=zhou2016_gm_lstm", "training subject"),
+    ("features=gaus features.families=sd+sad", "features.families=sd+sad:"),
+    ("model=jung2014_svm where=(subject=='1')|(subject=='2')", "there is 1"),
+    ("target=subject protocol=loso", "subject 1"),
     # sizes that cannot be
     ("data.rows=1000000 data.cols=1000000", "TB of memory"),
     ("data.rate_hz=1e308", "of memory"),

@@ -78,8 +78,8 @@ def code(text):
 
 def line(text):
     """An edit that adds a line to a fold."""
-    found = b"started = time.process_time()\n"
-    return text.replace(found, b"another = 1; " + found)
+    start = b"started = time.process_time()\n"
+    return text.replace(start, b"another = 1; " + start)
 
 
 @pytest.mark.parametrize(

@@ -8,9 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sklearn.model_selection import GroupKFold, KFold, PredefinedSplit
 
-from bench.commands import tune
 from bench.errors import InputError
-from bench.grammar.options import RUN_KEYS, key_options, parse_arguments
+from bench.grammar.options import RUN_KEYS, parse_arguments
 from bench.ground.registry import (
     PART_GROUPS,
     load_part,
@@ -20,7 +19,14 @@ from bench.ground.registry import (
 )
 from bench.plan.cells import Part
 from bench.plan.grid import make_cells
-from bench.plan.plan import Fold, Plan, make_folds, make_plans, mixes_subjects, ratio_of_test_to_training
+from bench.plan.plan import (
+    Fold,
+    Plan,
+    make_folds,
+    make_plans,
+    mixes_subjects,
+    ratio_of_test_to_training,
+)
 from bench.running.loop import warnings_of_plan
 from tests.conftest import random_corpus
 from tests.corpora.made import copied
@@ -118,21 +124,6 @@ def test_the_arguments_of_a_cell_repeat_every_seed(protocol, model, features, se
         cell.system_name(),
         cell.seed,
     )
-
-
-def test_commands_that_search_make_the_same_search_again(monkeypatch):
-    made = []
-    monkeypatch.setattr(tune, "evaluated", lambda cells, jobs: made.append(cells))
-    for line in (
-        "model=svm features=gaus model.C=1.0,2.0 model.gamma=0.5 trials=9 seconds=60 seed=1",
-        "model=rf features=hughes36 smallest=trees model.trees=5,10 seed=2 protocol=kfold protocol.seed=3",
-    ):
-        tune.run_searches(parse_arguments(line.split(), key_options("tune")))
-        (cell, *_) = made[-1]
-        tune.run_searches(
-            parse_arguments([f"{k}={v}" for k, v in cell.arguments().items()], key_options("tune"))
-        )
-        assert cell.command == "tune" and made[-1][0] == cell
 
 
 def test_a_part_is_shown_with_what_is_not_the_default(tmp_path):
