@@ -305,6 +305,7 @@ def _protocols_exhibit(
     shown = rows[rows["system"].isin(most_accurate)].sort_values("system", kind="stable")
     footnotes = [footnotes_of_system(row.system, row.data) for row in shown.itertuples()]
     table = Table(COLUMNS, rows_of_frame(shown), remarks=footnotes, groups=[*shown["system"]])
-    caption = f"{words}: systems under each protocol; points are paired over subjects of both."
+    caption = f"{words}: systems under each protocol; "
+    caption += "points are paired over the subjects of both protocols."
     caption += " protocols.csv has all systems." * (len(shown) < len(rows))
     return Exhibit(HEADING, picture, table, caption, [*sentences, *notes], SUMMARY)

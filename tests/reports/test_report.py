@@ -121,7 +121,7 @@ def test_the_page_loads_nothing_is_whole_and_names_are_text(store, quick):
 
 
 def test_the_table_of_systems_by_hand():
-    """Each of eight people loses a capture of 20 with b (p = 2 / 2 ** 8), every other one with c."""
+    """Each of 8 people loses a capture of 20 with b (p = 2 / 2 ** 8), every other one with c."""
     hits = {"a": [15] * 8, "b": [14] * 8, "c": [14, 15] * 4}
     runs = [
         make_run(name, predictions_with_hits(each), cost=1.0 + i)
