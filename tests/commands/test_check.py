@@ -1,4 +1,4 @@
-"""The command ``bench check``: a system from one commit to the next, and the gate of this project."""
+"""``bench check``: a system from one commit to the next, and the gate of this project."""
 
 from pathlib import Path
 from xml.etree import ElementTree
@@ -35,7 +35,8 @@ class Copied(ClassifierMixin, BaseEstimator):
     def values(self, X):
         maps = [frames.mean(axis=0) for frames in X]
         # WRONG
-        return np.array([np.append(np.sort(m.ravel())[::8], [m[2].mean(), len(f)]) for m, f in zip(maps, X)])
+        rows = [np.sort(m.ravel())[::8].tolist() + [m[2].mean(), len(f)] for m, f in zip(maps, X)]
+        return np.array(rows)
 
     def fit(self, X, y):
         # FAILS
@@ -117,7 +118,8 @@ def test_the_systems_are_what_the_baseline_says(capsys):
 
 
 def test_a_check_that_comes_to_no_verdict_leaves_no_green_file(capsys):
-    good = "from sklearn.tree import DecisionTreeClassifier as Tree\ndef tree():\n    return Tree(random_state=0)\n"
+    good = "from sklearn.tree import DecisionTreeClassifier as Tree\n"
+    good += "def tree():\n    return Tree(random_state=0)\n"
     report, system, baseline = Path("check.xml"), Path("my.py"), Path("b.json")
     system.write_text(good)
     check = ["check", "baseline=b.json", "junit=check.xml"]

@@ -18,7 +18,8 @@ from tests.reports.store import make_predictions, tracked_run
 def test_a_choice_loads_neither_torch_nor_scikit_learn(store):
     for system in ("lda", "svm"):
         tracked_run(store, system, make_predictions())
-    code = "import sys; from bench.cli import main; main(['choose']); print({'torch', 'sklearn'} & set(sys.modules))"
+    code = "import sys; from bench.cli import main; main(['choose']); "
+    code += "print({'torch', 'sklearn'} & set(sys.modules))"
     out = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     ).stdout

@@ -45,7 +45,7 @@ def answers(address):
 
 @contextmanager
 def run_server(command, is_ready, log):
-    """Run a server while the block runs; its output goes to a file, as a full pipe would stop it."""
+    """Run a server during the block; its output goes to a file, as a full pipe would stop it."""
     with log.open("w") as file:
         process = subprocess.Popen(command, stdout=file, stderr=file, env=ENVIRONMENT)
     try:

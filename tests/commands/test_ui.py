@@ -16,7 +16,8 @@ def test_the_ui_opens_a_view_with_columns_that_runs_have(in_net, monkeypatch, ca
     # Instead of MLflow's server one that answers once, and ends.
     code = (
         "from http.server import HTTPServer, SimpleHTTPRequestHandler; "
-        f"HTTPServer(('127.0.0.1', {(port := free_port())}), SimpleHTTPRequestHandler).handle_request()"
+        f"server = HTTPServer(('127.0.0.1', {(port := free_port())}), SimpleHTTPRequestHandler); "
+        "server.handle_request()"
     )
     started = subprocess.Popen
     monkeypatch.setattr(subprocess, "Popen", lambda *_, **__: started([sys.executable, "-c", code]))

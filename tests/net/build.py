@@ -1,7 +1,7 @@
-"""One small store with runs of every kind: ``python -m tests.net.build FOLDER`` builds it, tests use `net_store`.
+"""Build a small store with runs of every kind: ``python -m tests.net.build FOLDER``.
 
-The folder holds the user's data (``home``), the store (``mlflow.db``, ``mlruns``), the files that commands wrote, and
-what each command printed (``printed``).
+The folder has the user's data (``home``), the store (``mlflow.db``, ``mlruns``), the files that
+commands wrote, and the output of each command (``printed``).
 """
 
 from __future__ import annotations
@@ -246,7 +246,8 @@ def step(command: list[str]) -> str:
         for line in errors.getvalue().splitlines()
         if line and not PROGRESS.search(line)
     ]
-    return f"$ bench {' '.join(command)}\n{out.getvalue()}{''.join(said)}{f'exit code {code}' * bool(code)}\n\n"
+    end = f"exit code {code}\n\n" if code else "\n\n"
+    return f"$ bench {' '.join(command)}\n{out.getvalue()}{''.join(said)}{end}"
 
 
 def _like_people(path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Commands whose output and files are golden: what is asked of the store of `tests.net.build`, and mistakes."""
+"""Commands on the store of `tests.net.build` whose output and files are golden, and mistakes."""
 
 from tests.net.build import PEOPLE, RATE, SYNTH, TABLE, THREE
 

@@ -1,4 +1,6 @@
-"""Texts, tables, pages and objects as golden lines: without what depends on time, place, memory, identity and machine.
+"""Texts, tables, pages and objects as golden lines.
+
+What depends on time, place, memory, identity and machine is masked.
 
 Floats of data are rounded to nine digits, as other processors add in another order.
 """
@@ -14,7 +16,8 @@ from pathlib import Path
 import pandas as pd
 
 MASKED = re.compile(  # headings of columns of times, memory, identity and versions, in all formats
-    "((predict|decision|decide|replay|reference|window_decision|(touch \\+ )?computing)(_wall)?[ _]ms|fit s)"
+    "((predict|decision|decide|replay|reference|window_decision|(touch \\+ )?computing)"
+    "(_wall)?[ _]ms|fit s)"
     "([ _].*)?|slowdown|quiet_ms|(.*_)?seconds|fit s"
     "|decisions[ _]per[ _]s(econd)?|predict_relative|predict|peak_rss_bytes|started|artifacts"
     "|touchbench[.]cell|run|run_id|git|cpu|simd|CPU, threads|threads|version[.].*"
@@ -101,7 +104,7 @@ def table_of(table: pd.DataFrame, folders: tuple[Path, ...] = ()) -> str:
 
 
 def page_of(html: str, folders: tuple[Path, ...] = ()) -> str:
-    """The visible text of a page by line, tables as in Markdown, and figures by their descriptions."""
+    """The visible text of a page by line, tables as Markdown, and descriptions of figures."""
     html = re.sub(r"<(script|style)\b.*?</\1>", "", html, flags=re.S)
     while "<svg" in html:  # the inner ones first
         html = re.sub(r"<svg\b(?:(?!<svg\b).)*?</svg>", _figure, html, flags=re.S)

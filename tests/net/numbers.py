@@ -1,10 +1,11 @@
-"""Numbers that no change of structure may change; ``pytest tests/net/test_numbers.py --golden`` stores them.
+"""Numbers that no change of structure may change.
 
-Each case of a group gives a table: the probabilities of a system, a digest of each column of a feature set, of each
-severity of a fault, of the tables of a run. It is stored in ``numbers/GROUP/CASE.csv``. With ``--exact``, on the
-processor and with the libraries that stored them, all must be equal to the last digit. Without, as on any machine,
-numbers may differ by `ELSEWHERE`, and digests are not compared. What is not public is used in `probabilities`,
-`damaged` and `tables` alone.
+``pytest tests/net/test_numbers.py --golden`` stores them. Each case of a group gives a table: the
+probabilities of a system, a digest of each column of a feature set, of each severity of a fault, of
+the tables of a run. It is stored in ``numbers/GROUP/CASE.csv``. With ``--exact``, on the processor
+and with the libraries that stored them, all must be equal to the last digit. Without, as on any
+machine, numbers may differ by `ELSEWHERE`, and digests are not compared. Only `probabilities`,
+`damaged` and `tables` use what is not public.
 """
 
 from __future__ import annotations

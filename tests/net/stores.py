@@ -25,7 +25,7 @@ def untimed(columns: Mapping[str, Iterable]) -> dict[str, list[str]]:
 
 
 def contents(folder: Path) -> dict[str, list[str]]:
-    """What the runs of a store hold, by the number and the name of a run and the name of the number, tag or column."""
+    """Numbers, tags and tables of the runs of a store, by the number and name of the run."""
     found = {}
     with contextlib.chdir(folder):
         store = connect() if Path("mlflow.db").exists() else None

@@ -1,6 +1,7 @@
-"""The net under changes of structure: whatever users see of one store of every kind of run, as golden files.
+"""The net under changes of structure: all that users see of one store, as golden files.
 
-``pytest --golden`` writes them anew; read the difference. What is masked stands in `tests.net.masks`.
+The store has runs of every kind. ``pytest --golden`` writes the files anew; read the difference.
+`tests.net.masks` says what is masked.
 """
 
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Every command that a golden output names as the next one works in a store like the one of which it was printed."""
+"""Every command that a golden output names as the next one works in such a store."""
 
 import re
 import shlex

@@ -1,4 +1,4 @@
-"""The numbers of every system, feature set, fault and kind of run are those in ``numbers``; see `tests.net.numbers`."""
+"""Stored numbers of every system, feature set, fault and kind of run: see `tests.net.numbers`."""
 
 from contextlib import nullcontext
 

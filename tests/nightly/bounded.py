@@ -1,4 +1,4 @@
-"""Work in a forked process whose time and memory are limited, so that what is out of bounds harms nobody."""
+"""Work in a forked process whose time and memory are limited."""
 
 import multiprocessing
 import resource
@@ -15,7 +15,7 @@ def bounded(work, *arguments, seconds=90.0, mib=1400.0):
     """What ``work`` returns.
 
     Raises:
-        AssertionError: it takes longer, needs more memory, or ends with an error, all of which is said.
+        AssertionError: it takes longer, needs more memory, or ends with an error.
     """
     context = multiprocessing.get_context("fork")
     here, there = context.Pipe(duplex=False)

@@ -1,4 +1,4 @@
-"""Command lines from the registry's own grammar, most of them a little wrong: done, or refused in one line."""
+"""Command lines from the registry's grammar, most a little wrong, run or are refused in a line."""
 
 import contextlib
 import io
@@ -17,7 +17,8 @@ from bench.running.workers import FoldExecutor
 from tests.nightly.bounded import bounded
 
 pytestmark = pytest.mark.nightly
-ODD = """0 1 -1 0.5 1e-300 1e309 nan -inf None true 1000001 4294967296 1000000000000 0x10 1_0 ١ ½ = , ,, 1, + a+b é ' "
+ODD = """0 1 -1 0.5 1e-300 1e309 nan -inf None true 1000001 4294967296 1000000000000 0x10 1_0 ١ ½ =
+, ,, 1, + a+b é ' "
 \\ ../../x /dev/null - ~ $(id) {0} %s [ __class__ None,1 1,1""".split()
 ODD += ["", "9" * 25, "9" * 5000, "a" * 300, "a\0b", "\n", "\ud800"]
 WHERE = [

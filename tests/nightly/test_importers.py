@@ -1,4 +1,4 @@
-"""Random damaged files of every format that is imported: refused in a line, or stored as what they say.
+"""Random damaged files of every format are refused in a line, or stored as what they say.
 
 What a damaged one may hold is told by readers of Python, NumPy and pandas.
 """
@@ -24,7 +24,7 @@ OPTIONS = {"rate_hz": "54", "full_scale": "65535"}
 
 
 def plain_table(content):
-    """Captures of a CSV file by Python's own reader, as strict as the format is: any error means that it is none."""
+    """Captures of a CSV file by Python's own reader; any error means that it is no table."""
     header, *rows = csv.reader(io.StringIO(content.decode("utf-8-sig"), newline=""), strict=True)
     header = [name.strip().strip('"') for name in header]
     while rows and not "".join(rows[-1]).strip():

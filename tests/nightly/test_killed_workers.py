@@ -32,7 +32,7 @@ def until(true, seconds=PATIENCE):
 
 
 def test_a_fold_that_kills_its_worker_is_recorded_and_the_others_go_on(plug, capsys):
-    """The system is of an installed package, known by its entry point only, to this process and to new workers."""
+    """The system is of an installed package; new workers know it by its entry point only."""
     plug("[touchbench.models]\nwayward = tests.running.wayward:Wayward\n", "", "empty")
     get_reusable_executor().shutdown(kill_workers=True)
     assert main(["run", "model=wayward", "model.die=3", *SMALL]) == 1

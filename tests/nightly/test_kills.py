@@ -1,6 +1,7 @@
-"""Commands killed at random moments and repeated: they store what an unbroken run stores, and leave nothing behind.
+"""Commands that are killed and repeated store what an unbroken run stores, and nothing else.
 
-`KILLS=50 python -m pytest -m nightly tests/nightly/test_kills.py` kills each command so often; Linux only.
+On Linux. `KILLS=50 python -m pytest -m nightly tests/nightly/test_kills.py` kills each command so
+often.
 """
 
 import os
@@ -173,8 +174,9 @@ def test_a_killed_command_ends_as_an_unbroken_one(template, tmp_path, name):
 
 
 def test_a_kill_at_any_moment_of_its_creation_leaves_none_or_a_good_one():
-    code = "from bench.store.client import create; from pathlib import Path; import mlflow.store.db.utils; "
-    code += "print('now', flush=True); create(Path('mlflow.db'))"
+    code = "from bench.store.database import create_database; from pathlib import Path; "
+    code += "import mlflow.store.db.utils; print('now', flush=True); "
+    code += "create_database(Path('mlflow.db'))"
     begun = time.monotonic()
     subprocess.run(
         [sys.executable, "-c", code.replace("mlflow.db'", "whole.db'")],

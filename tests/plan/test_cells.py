@@ -19,7 +19,7 @@ def titles(line):
 
 
 def test_a_comma_makes_a_grid_of_what_each_part_takes():
-    """One cell for a network whatever the feature sets, one for a model without a seed whatever the seeds."""
+    """A network ignores feature sets, a model without a seed ignores seeds."""
     assert titles("") == ["svm · jung54 | synth | loso"]
     svm = ["svm · jung28", "svm · jung54"]
     line = "data=haart protocol=challenge,loso model=cnn85,svm features=jung28,jung54 seed=3,5"
@@ -69,7 +69,7 @@ MISTAKES = [  # what is typed, and facts that the message names; others are gold
     ("model=rf model.trees=0", "model.trees=0"),
     ("data.subjects=2 model=zhou2016_gm_lstm", "training subject"),
     ("features=gaus features.families=sd+sad", "features.families=sd+sad:"),
-    ("model=jung2014_svm where=(subject=='1')|(subject=='2')", "there is 1"),
+    ("model=jung2014_svm where=(subject=='1')|(subject=='2')", "only one"),
     ("target=subject protocol=loso", "subject 1"),
     # sizes that cannot be
     ("data.rows=1000000 data.cols=1000000", "TB of memory"),

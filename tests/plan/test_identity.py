@@ -135,7 +135,7 @@ def test_everything_else_that_numbers_depend_on_is_in_the_key(monkeypatch):
 def test_what_a_file_imports_from_beside_it_or_from_the_path_counts(
     tmp_path, monkeypatch, late, on_path
 ):
-    """In packages with and without __init__, through modules of theirs, and whether or not they were imported."""
+    """In packages with and without __init__, through their modules, imported or not."""
     monkeypatch.setattr(sys, "path", [*sys.path, *([str(tmp_path / "lib")] if on_path else [])])
     monkeypatch.setattr(sys, "modules", dict(sys.modules))  # what is imported here is forgotten
     mine, package = tmp_path / "mine", tmp_path / ("lib" if on_path else "mine") / "nets_of_mine"
@@ -160,7 +160,8 @@ def test_what_a_file_imports_from_beside_it_or_from_the_path_counts(
 
 def test_a_key_does_not_depend_on_what_was_imported_before():
     """In a new process it is that of this one, which has imported much."""
-    code = "import sys; sys.path.insert(0, sys.argv[1]); from tests.plan.test_identity import key; print(key())"
+    code = "import sys; sys.path.insert(0, sys.argv[1]); "
+    code += "from tests.plan.test_identity import key; print(key())"
     command = [sys.executable, "-c", code, str(Path(source.__file__).parents[2])]
     importlib.import_module("bench.reports.page")
     assert (

@@ -74,8 +74,9 @@ def test_a_plain_splitter_is_a_protocol_and_says_whom_it_mixes(corpus):
 
 
 def test_the_arguments_of_a_cell_make_it_again():
-    line = """data=synth data.subjects=12 data.variants=rough+gentle where="variant == 'rough'" target=gesture+variant
-    protocol=kfold protocol.folds=5 model=svm model.C=8.0 features=jung28 features.area=capture"""
+    line = """data=synth data.subjects=12 data.variants=rough+gentle where="variant == 'rough'"
+    target=gesture+variant protocol=kfold protocol.folds=5 model=svm model.C=8.0 features=jung28
+    features.area=capture"""
     (cell,) = make_cells(parse_arguments(shlex.split(line), RUN_KEYS))
     again = [f"{k}={v}" for k, v in cell.arguments().items()]
     assert make_cells(parse_arguments(again, RUN_KEYS)) == [cell] and {*again} == {
@@ -139,7 +140,7 @@ def test_a_part_is_shown_with_what_is_not_the_default(tmp_path):
 
 
 def copies(monkeypatch, pairs, **values):
-    """The plan of a command on a corpus in which captures are copies of others, given as (place, copied one)."""
+    """The plan on a corpus with copied captures, given as (position, copied one)."""
     corpus = copied(random_corpus(longest=20), pairs)
     monkeypatch.setattr("bench.plan.plan.open_corpus", lambda name, parameters: corpus)
     (plan,) = make_plans(

@@ -1,4 +1,4 @@
-"""A whole package: a model, a circumstance with what is shown of it, a command, and a key of other commands."""
+"""A package: a model, a circumstance with its view, a command, and a key of other commands."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from bench.values.measures import Cost, to_percent
 
 @dataclass(frozen=True)
 class Fewer(Circumstance):
-    """The system is fitted on so many captures of each class, and labels the test captures as they are."""
+    """The system is fitted on few captures of each class; test captures are as they are."""
 
     key: ClassVar[str] = "each"
     view: ClassVar[str] = "example:Shown"
@@ -36,10 +36,17 @@ class Shown(View):
     noun = "captures of each class"
     heading = "Accuracy in percent by training captures of each class"
     costs = (
-        Cost("each_loss", source="loss.each", scale=to_percent, unit="points", noun="loss to few captures",
-             phrase="lost to few captures", help="largest mean loss with few training captures, in points",
-             shows=()),
-    )  # fmt: skip
+        Cost(
+            "each_loss",
+            source="loss.each",
+            scale=to_percent,
+            unit="points",
+            noun="loss to few captures",
+            phrase="lost to few captures",
+            help="largest mean loss with few training captures, in points",
+            shows=(),
+        ),
+    )
 
 
 def usual(features):
