@@ -99,14 +99,16 @@ class Table:
             InputError: a cell or a column does not fit, or there is no row.
         """
         check_condition_count(len(self.columns) - len(channels), self.header_prefix)
+        positions = {name: i for i, name in enumerate(self.columns)}
+        labels = sorted(positions[name] for name in positions.keys() - {*channels})
         batches, blocks, first = [], [], self.first
         for batch in self.read_batches(channels):
             # A gap becomes NaN, which is refused.
-            sensors = [batch.column(self.columns.index(name)) for name in channels]
+            sensors = [batch.column(positions[name]) for name in channels]
             block = np.stack([s.to_numpy(zero_copy_only=False) for s in sensors], axis=1)
             check_values(block, full_scale, self.row_prefix, first, channels)
             blocks.append(block.astype(smallest_dtype(block)))
-            batches.append(batch.rename_columns(self.columns).drop_columns(channels))
+            batches.append(batch.rename_columns(self.columns).select(labels))
             first += len(batch)
         if not blocks:
             raise InputError(f"{self.header_prefix}: no frames below it; give one row per frame")
