@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 
 from bench.corpora.corpus import COPY, Corpus, shared_frames, unblind
-from bench.corpora.faults import SEVERITIES, FAULTS, as_readings, as_shares, seeded_generator
+from bench.corpora.faults import FAULTS, SEVERITIES, as_readings, as_shares, seeded_generator
 from bench.corpora.windows import Step
 from bench.errors import InputError, check_value, suggest_names
 

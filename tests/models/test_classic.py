@@ -110,7 +110,7 @@ def test_varying_features_are_scaled_as_usual_and_constant_ones_stay(ours, their
 
 
 def of_captures(seed, captures=30, d=3, classes=3):
-    """Rows in any order of captures of 1 to 6 windows each, some of them damaged, as feature sets label them."""
+    """Rows of captures of 1 to 6 windows in random order, some damaged, with the usual index."""
     rng = np.random.default_rng(seed)
     rows = rng.integers(1, 7, captures)
     labels = np.repeat(rng.permutation(1000)[:captures], rows), rng.integers(0, 3, rows.sum())
@@ -130,7 +130,7 @@ def of_captures(seed, captures=30, d=3, classes=3):
     st.sampled_from([0.001, 0.2, 0.7, 1.0]),
 )
 def test_discriminants_equal_scikit_learns(seed, counts, shrinkage):
-    """Where classes are of different size, scikit-learn is given their shares, which weigh its covariance.
+    """Classes of different size: scikit-learn is given their shares, which weight its covariance.
 
     Its scores then hold the logarithms of the shares, which are taken away: here classes count
     alike. Both shrink to the mean variance of the features as they are given, so scikit-learn is

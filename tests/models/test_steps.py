@@ -54,7 +54,7 @@ def test_windows_equal_a_loop(lengths, seconds, hop, rate):
 
 
 def with_broken(seed, grid):
-    """Random captures in which some taxels never change, some only at first, and some read full scale."""
+    """Random captures with taxels that never change, change at first, or read full scale."""
     rng = np.random.default_rng(seed)
     arrays = [rng.integers(0, 1023, (length, *grid)) for length in rng.integers(1, 40, 3)]
     for frames in arrays:
