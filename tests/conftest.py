@@ -1,4 +1,4 @@
-"""What tests share: folders of their own, one prepared store for all, folds without processes, small ragged corpora."""
+"""What tests share: own folders, one prepared store, folds without processes, small corpora."""
 
 import os
 import shutil
@@ -6,9 +6,8 @@ import subprocess
 import sys
 from functools import cache
 
-os.environ.setdefault(
-    "OMP_NUM_THREADS", "1"
-)  # small networks are slower on two threads than on one
+# Small networks are slower on two threads than on one.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 import pandas as pd
@@ -23,7 +22,7 @@ from bench.running.workers import FoldExecutor
 from bench.store.client import connect, create_database
 from bench.values import measures
 
-# The command in a process of its own. What a shell starts in the background ignores Ctrl-C, and so do its children.
+# The command in a process of its own, which does not ignore Ctrl-C as background processes do.
 BENCH = [
     sys.executable,
     "-c",
@@ -74,11 +73,11 @@ def without_numba(config):
         os.environ.setdefault("NUMBA_DISABLE_JIT", "1")
 
 
-# Files that take longest begin first, so that none of them is alone at the end. The first makes `net_store`, for which
-# the second process need not wait: its first files do without.
+# Files that take longest begin first. The first makes `net_store`; those that the second process
+# begins with do without.
 LONG = (
-    "test_net.py test_gates.py test_package.py test_server.py test_readme.py test_numbers.py test_next.py "
-    "test_report.py test_export.py test_watch.py test_c.py test_chip.py"
+    "test_net.py test_gates.py test_package.py test_server.py test_readme.py test_numbers.py "
+    "test_next.py test_report.py test_export.py test_watch.py test_c.py test_chip.py"
 ).split()
 
 
@@ -133,14 +132,14 @@ def prepared_store(request, monkeypatch):
 
 @pytest.fixture(autouse=True)
 def folds_here(request, monkeypatch):
-    """Folds are done in this process, but for tests that are marked ``pool``: starting workers takes seconds."""
+    """Folds run in this process, except in tests marked ``pool``: workers take seconds to start."""
     if not request.node.get_closest_marker("pool"):
         monkeypatch.setattr("bench.running.workers.ProcessExecutor", FoldExecutor)
 
 
 @pytest.fixture(autouse=True)
 def brief_measurements(request, monkeypatch):
-    """Folds time and repeat few predictions, and no run is drawn, except in tests marked ``measured`` or ``pool``."""
+    """Few predictions are timed and repeated, except in tests marked ``measured`` or ``pool``."""
     never_busy(monkeypatch)
     if not any(map(request.node.get_closest_marker, ("measured", "pool"))):
         shorten_measurements(monkeypatch)
@@ -153,7 +152,7 @@ def never_busy(patch):
 
 
 def shorten_measurements(patch):
-    """Time 3 captures once beside less work, instead of 5 twice, and predict 2 alone instead of 8."""
+    """Time 3 captures once instead of 5 twice, beside less work, and predict 2 alone, not 8."""
     for name in ("running.fold", "running.replay"):
         patch.setattr(f"bench.{name}.TIMED_CAPTURES", 3)
     patch.setattr("bench.ground.timing.AROUND", 1)
@@ -172,20 +171,17 @@ def random_corpus(
     seed=0,
     **fields,
 ):
-    """Captures of different lengths and levels, so that classes can be told apart but not perfectly."""
+    """Captures of different lengths and levels: classes differ, but not perfectly."""
     rng = np.random.default_rng(seed)
-    arrays, about = [], []
+    arrays, labels = [], []
     for subject in range(1, subjects + 1):
         for c, gesture in enumerate(gestures):
             for repetition in range(1, per_class + 1):
                 frames = int(rng.integers(1, longest))
-                arrays.append(
-                    rng.poisson(20 + 60 * c + 5 * subject, (frames, *grid))
-                    .clip(0, 1023)
-                    .astype(np.uint16)
-                )
-                about.append((str(subject), gesture, repetition))
-    captures = pd.DataFrame(about, columns=["subject", "gesture", "repetition"])
+                levels = rng.poisson(20 + 60 * c + 5 * subject, (frames, *grid))
+                arrays.append(levels.clip(0, 1023).astype(np.uint16))
+                labels.append((str(subject), gesture, repetition))
+    captures = pd.DataFrame(labels, columns=["subject", "gesture", "repetition"])
     return Corpus.from_captures(arrays, captures, 100.0, name="random", **fields)
 
 
@@ -202,14 +198,14 @@ def with_other_values(corpus, captures):
 def runs(kind):
     """The store and its runs of a kind, the oldest first."""
     store = connect()
-    return store, sorted(
-        store.search_runs(f"tags.`touchbench.kind` = '{kind}'"), key=lambda run: run.info.start_time
-    )
+    found = store.search_runs(f"tags.`touchbench.kind` = '{kind}'")
+    return store, sorted(found, key=lambda run: run.info.start_time)
 
 
 def predictions(store, run, name="predictions"):
     """A table of a run."""
-    return pd.read_parquet(store.artifact_path(run.info.run_id, run.info.artifact_uri, f"{name}.parquet"))
+    path = store.artifact_path(run.info.run_id, run.info.artifact_uri, f"{name}.parquet")
+    return pd.read_parquet(path)
 
 
 SMALL = ["data=synth", "data.subjects=3", "data.variants=normal", "data.repetitions=1", "jobs=1"]
@@ -217,7 +213,7 @@ SMALL = ["data=synth", "data.subjects=3", "data.variants=normal", "data.repetiti
 
 @pytest.fixture(scope="session")
 def net_store(tmp_path_factory, empty_store):
-    """The folder of `tests.net.build`, a small run of every kind; one for all processes of tests, which copy it."""
+    """The folder of `tests.net.build`, a small run of every kind; all processes copy it."""
     from tests.net.build import RUNS, build
 
     folder = empty_store.parent / "net"

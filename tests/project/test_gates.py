@@ -14,6 +14,7 @@ from bench.grammar.help import command_help, help_overview
 from bench.ground import registry
 from bench.reading.runs import load_results
 from tests.conftest import SMALL, runs
+from tests.project.test_structure import module_files, nodes
 
 
 def done(arguments):
@@ -42,33 +43,23 @@ def page_has(*words):
 
 
 def test_a_new_circumstance_is_one_file_and_appears_everywhere(plug, monkeypatch):
-    """Fewer captures of each class: printed, in a CSV file, on the page with a figure, a candidate, with a budget."""
+    """Fewer captures of each class: printed, in a file, on the page, as candidate and budget."""
     plug(POINTS.replace("lost = example:LOST\n", ""), EXAMPLE, "example")
     monkeypatch.setattr("bench.commands.printing.WIDTH", 250)
-    assert (
-        "each=" in command_help("run")
-        and "max_each_loss=" in command_help("choose")
-        and "max_each_loss=" in command_help("report")
-    )
+    assert "each=" in command_help("run")
+    assert all("max_each_loss=" in command_help(name) for name in ("choose", "report"))
     code, printed = done(["run", *SMALL, "model=tree,usual", "features=jung28", "each=2,1"])
     assert code == 0 and "Accuracy in percent by training captures of each class" in printed
     (store, stored_runs) = runs("cell")
     for run in stored_runs:
         labels = load_results(store)[0].tables["labels"]
         assert {*labels["circumstance"]} == {"", "each"} and {*labels["level"]} == {0, 1, 2}
-        number = f"{100 * run.data.metrics['accuracy.each.1']:.1f}"
-        row = [
-            line for line in printed.splitlines() if line.startswith(f"│ {run.data.tags['system']}")
-        ][-1]
-        loss = (
-            run.data.metrics["accuracy"]
-            - (run.data.metrics["accuracy.each.1"] + run.data.metrics["accuracy.each.2"]) / 2
-        )
-        assert (
-            run.data.metrics["loss.each"] == pytest.approx(loss)
-            and f"{100 * loss:.1f}" in row
-            and number in row
-        )
+        metrics, start = run.data.metrics, f"│ {run.data.tags['system']}"
+        row = [line for line in printed.splitlines() if line.startswith(start)][-1]
+        fewer = metrics["accuracy.each.1"], metrics["accuracy.each.2"]
+        loss = metrics["accuracy"] - sum(fewer) / 2
+        assert metrics["loss.each"] == pytest.approx(loss)
+        assert f"{100 * loss:.1f}" in row and f"{100 * fewer[0]:.1f}" in row
     assert done(["run", *SMALL, "model=tree", "features=jung28", "each=0"])[0] == 2
     table = bench.choose(data="synth").table
     assert {"1 captures of each class", "2 captures of each class", "capture"} == {*table["unit"]}
@@ -92,39 +83,30 @@ def test_a_wrong_circumstance_is_refused_where_it_is_used(plug, capsys):
 
 
 NAMED = {  # file: keys that it may have, with the reason
-    "bench/grammar/options.py": {"under", "after"},  # commands and examples as a user types them
+    "bench/commands/declarations.py": {"under"},  # an option of bench stress
     "bench/commands/run.py": {"under"},  # bench stress is bench run with it
     "reports/layout.py": {"form"},  # of the output
 }
 
 
-def test_no_other_file_names_a_circumstance_or_a_study():
+def test_no_other_file_names_a_circumstance():
     root = Path(registry.__file__).parents[2]
-    every = [*registry.load_parts("circumstances").values()]
-    keys = {one.key for one in every} - {"train_subjects"}  # a column of every table of labels
-    modules = {
-        place.partition(":")[0] for one in every for place in (f"{one.__module__}:", one.view)
-    }
-    files = [
-        p
-        for name in ("bench", "reports", "models", "features", "protocols")
-        for p in (root / name).rglob("*.py")
-    ]
+    parts = registry.load_parts("circumstances").values()
+    keys = {part.key for part in parts} - {"train_subjects"}  # a column of every table of labels
+    modules = {part.__module__ for part in parts} | {p.view.partition(":")[0] for p in parts}
     found = {}
-    for path in files:
-        name = str(path.relative_to(root))
+    for path in module_files().values():
         if {path.parent.name, path.stem} & {"circumstances", "views"}:
-            continue  # what they add they name
-        tree = [*ast.walk(ast.parse(path.read_text()))]
-        words = {
-            node.value
-            for node in tree
-            if isinstance(node, ast.Constant) and isinstance(node.value, str)
+            continue  # which may name what they add
+        constants = {
+            node.value for node in nodes(path, ast.Constant) if isinstance(node.value, str)
         }
-        imported = {node.module for node in tree if isinstance(node, ast.ImportFrom)}
-        if here := (keys & words) | (modules & imported) - {"bench.reports.views.base"}:
-            found[name] = here - NAMED.get(name, set())
-    assert {file: here for file, here in found.items() if here} == {}
+        imported = {node.module for node in nodes(path, ast.ImportFrom)}
+        name = str(path.relative_to(root))
+        here = (keys & constants) | (modules & imported) - {"bench.reports.views.base"}
+        if here := here - NAMED.get(name, set()):
+            found[name] = here
+    assert found == {}
 
 
 def test_a_package_adds_a_command_and_a_key_of_others(plug):

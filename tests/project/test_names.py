@@ -1,8 +1,9 @@
-"""Gestures and subjects may be called anything: every command gives the same numbers under other names.
+"""Gestures and subjects may have any names: every command gives the same numbers.
 
-The new names sort as the old ones do, also where whole numbers come first, as they do for folds: the order of classes
-decides ties. No word names a gesture and a subject, so that tables can be compared under the old names.
-Random numbers of a subject's sensor depend on the subject's name. So the fault here is one of single captures.
+The new names sort as the old ones do, also where whole numbers come first, as they do for folds:
+the order of classes decides ties. No word names a gesture and a subject, so that tables can be compared
+under the old names. Random numbers of a subject's sensor depend on the subject's name, so the fault
+here is one of single captures.
 """
 
 import csv
@@ -27,10 +28,11 @@ from tests.net.build import inside
 from tests.net.masks import MASKED
 
 GESTURES, PEOPLE = ("pat", "rub", "tap"), ("a", "b", "c")
-HARD = '1|10|2|03|1.0|-1|1e3|NA|N/A|null|nan|NaN|inf|True|false|true|none.|no one|a,b|a"b|"|\'|=1+1|#|[x]|{y}|\\|100 %'
-HARD = f"{HARD}|\u00fc|\u89e6\u308b|\U0001f590|unknown|notouch|quiet|fold|capture|subject|p_true|labels".split(
-    "|"
-)
+HARD = (
+    "1|10|2|03|1.0|-1|1e3|NA|N/A|null|nan|NaN|inf|True|false|true|none.|no one|a,b|"
+    'a"b|"|\'|=1+1|#|[x]|{y}|\\|100 %|\u00fc|\u89e6\u308b|\U0001f590|unknown|notouch|quiet|'
+    "fold|capture|subject|p_true|labels"
+).split("|")
 NAMED = (
     "subject",
     "gesture",
@@ -41,8 +43,10 @@ NAMED = (
     "predicted",
     "value",
 )  # columns of names
-TEXT = "subject gesture label first fold true predicted factor value kind slice fault amount where system data".split()
-TEXT += ["subset", "protocol"]
+TEXT = (
+    "subject gesture label first fold true predicted factor value kind slice fault amount where "
+    "system data subset protocol"
+).split()
 SCENE = "[reactions]\nboth = {}\n[costs]\nboth = {{ nothing = 0.5 }}\nsilence = 0.7\n"
 
 
@@ -78,7 +82,7 @@ def numbers(table, back):
 
 
 def numbers_of_file(path):
-    """The numbers of a CSV file of the report; no name, as one may look like a number, and no choice by time."""
+    """The numbers of a CSV file of the report, without names, which may look like numbers."""
     table = pd.read_csv(path, dtype=str, keep_default_na=False)
     table = table[~table.eq("predict").any(axis=1)].drop(columns=TEXT, errors="ignore")
     return numbers(table.apply(pd.to_numeric, errors="coerce"), {})

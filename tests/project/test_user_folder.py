@@ -1,4 +1,4 @@
-"""In a folder whose ``models``, ``features``, ``protocols``, ``reports``, ``tests`` are a user's own packages."""
+"""A user's folder with own packages ``models``, ``features``, ``protocols``, ``reports``."""
 
 import os
 import subprocess
@@ -21,7 +21,11 @@ class Mine(ClassifierMixin, BaseEstimator):
     def predict(self, X):
         return self.bayes_.predict(features.mean.of(X))
 '''
-MEAN = "import numpy as np\ndef of(X):\n    return np.array([[frames.mean(), frames.std()] for frames in X])\n"
+MEAN = """
+import numpy as np
+def of(X):
+    return np.array([[frames.mean(), frames.std()] for frames in X])
+"""
 SCRIPT = """
 import bench
 from models.mine import Mine

@@ -1,4 +1,4 @@
-"""The store when it is locked, of another version or gone; kills and full disks are in tests/nightly."""
+"""The store if locked, of another version or gone; kills and full disks: tests/nightly."""
 
 import errno
 import shutil
@@ -125,7 +125,7 @@ def schema(path):
 def test_a_store_that_can_only_be_read_is_read_and_left_alone(
     in_net, tmp_path, monkeypatch, capsys
 ):
-    """As a folder without rights, which does not stop a superuser: nothing can be made beside the file."""
+    """Nothing can be made beside the file, as in a folder without rights, also by a superuser."""
 
     def read():
         return main(
