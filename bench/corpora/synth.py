@@ -132,7 +132,7 @@ def generate(
 
 def _check_memory_for(captures: float, counts: dict[str, int], rate_hz: float) -> None:
     """Refuse more captures than there is memory for."""
-    seconds = captures * np.mean([movement.duration for movement in GESTURES.values()])
+    seconds = captures * sum(movement.duration for movement in GESTURES.values()) / len(GESTURES)
     taxels = float(counts["rows"]) * counts["cols"]
     longest = max(1.0, LONGEST_S * rate_hz) * taxels * BYTES_PER_VALUE
     frames = max(captures, seconds * rate_hz) * taxels * np.dtype(np.uint16).itemsize
