@@ -1,7 +1,7 @@
 """Feature tables in the data folder: computed once per corpus, shared by folds and models.
 
-The name of a table is a hash of all that its values depend on. A table with damaged values is computed again:
-Parquet checks the sums of its pages.
+The name of a table is a hash of all that its values depend on. A table with damaged values is
+computed again: Parquet checks the sums of its pages.
 """
 
 from __future__ import annotations

@@ -117,7 +117,6 @@ class GaussianHMMs:
         transition_: transition matrices, old state by new state [classes, states, states].
         mean_: [classes, states, values].
         variance_: [classes, states, values].
-        history_: log-likelihood of each class before each iteration [iterations, classes].
     """
 
     def __init__(self, states: int = 5, iterations: int = 20, seed: int = 0) -> None:
@@ -146,17 +145,14 @@ class GaussianHMMs:
 
         order = VisitOrder(lengths)
         owner = classes[order.sequence]
-        self.history_ = np.empty((self.iterations, len(parts)))
-        for iteration in range(self.iterations):
+        for _ in range(self.iterations):
             emission = np.empty((self.states, len(both)))
             for i, part in enumerate(parts):
                 emission[:, part] = self._log_densities(both[part], i)
-            best = _scale_by_largest(emission)
+            _scale_by_largest(emission)
             emission = emission[:, order.frame]
             transition = self.transition_[owner].transpose(1, 2, 0).copy()
             state, scale = forward(emission, self.start_[owner].T.copy(), transition, order)
-            likelihood = np.add.reduceat(best + np.log(scale)[order.position], begin)
-            self.history_[iteration] = np.bincount(classes, weights=likelihood)
 
             future = backward(emission, scale, transition, order)
             emission *= future

@@ -3,15 +3,12 @@
 from functools import cache
 
 import numpy as np
-import pandas as pd
 import pytest
 from sklearn.covariance import EmpiricalCovariance
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from sklearn.model_selection import GroupKFold
 
 from bench.features import selection
-from bench.features.jung28 import Jung28
-from bench.features.selection import Subset
 
 
 class Ridge(EmpiricalCovariance):
@@ -81,15 +78,3 @@ def test_selection_equals_a_slow_search(seed, monkeypatch):
         assert removed and hits(tuple(floating)) > hits(tuple(forward))
     monkeypatch.setattr(selection, "MAX_STEPS_FACTOR", 0)  # no step is left for going back
     assert selection.select_positions(values, label, subject, 5).tolist() == forward
-
-
-def test_a_subset_keeps_the_selected_columns_of_training_captures(corpus):
-    train, test = np.flatnonzero(corpus.subjects != "1"), np.flatnonzero(corpus.subjects == "1")
-    every = Jung28().fit_transform(corpus)
-    label = np.unique(corpus.gestures[train], return_inverse=True)[1]
-    values = every.iloc[train].to_numpy()
-    kept = every.columns[selection.select_positions(values, label, corpus.subjects[train], 6)]
-    features = Subset(Jung28(), 6).fit(corpus[train], corpus.gestures[train])
-    assert list(features.get_feature_names_out()) == list(kept) and len(kept) == 6
-    expected = every.iloc[test][kept].reset_index(drop=True)
-    pd.testing.assert_frame_equal(features.transform(corpus[test]), expected)

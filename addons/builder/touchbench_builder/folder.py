@@ -25,7 +25,7 @@ CODE = Path(__file__).parent / "code"
 CERTIFICATE = "certificate.json"
 VECTOR_S = 2.0  # of a capture in vectors.h
 READINGS_PER_LINE = 15
-VECTORS = """/* The first {seconds:g} s of a capture of each class, and what Python predicts. */
+VECTORS = """/* The first {seconds:g} s of a capture of each class, and predictions of Python. */
 #include <stdint.h>
 #define VECTORS {count}
 #define READING {reading}

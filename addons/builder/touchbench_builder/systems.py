@@ -292,15 +292,17 @@ class GesturesAndStream(Watching):
     The systems of the comparison learn from the same captures.
     """
 
+    load_captures = staticmethod(captures_of_cell)
+
     def __init__(self, cell: Cell) -> None:
         super().__init__({})
-        self.captures, self.recordings = captures_of_cell, Watching.captures(cell)
+        self.recordings = super().load_captures(cell)
 
-    def learned(
+    def learn_watcher(
         self, make_system: Callable[[], System], system: System, captures: Corpus
     ) -> TickWatcher:
         """Learn from recordings, if there are some."""
-        return super().learned(make_system, system, self.recordings)
+        return super().learn_watcher(make_system, system, self.recordings)
 
 
 def fit_or_load(

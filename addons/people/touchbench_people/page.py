@@ -81,11 +81,11 @@ def comparable_curves(results: Sequence[Result]) -> list[Curves]:
         systems = [system for system, curve in of_systems.items() if len(curve) > 1]
         systems.sort(key=lambda system: -of_systems[system]["accuracy"].max())
         if systems:
-            curves.append((_context(part[-1]), {name: of_systems[name] for name in systems}))
+            curves.append((_context_words(part[-1]), {name: of_systems[name] for name in systems}))
     return curves
 
 
-def _context(result: Result) -> str:
+def _context_words(result: Result) -> str:
     """Captures and protocol of a result, in words."""
     data, subset, _ = result.context
     context = data if subset == "all" else f"{data}, {subset}"

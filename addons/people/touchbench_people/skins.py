@@ -43,8 +43,8 @@ def join_skins(target: Corpus, source: Corpus, names: dict[str, str]) -> Corpus:
     classes = sorted(set(target.gestures) & set(renamed))
     if len(classes) < 2:
         raise InputError(
-            f"protocol=transfer: {target.name} and {source.name} share {len(classes)} classes; name "
-            f"more with protocol.classes=, which maps those of {source.name} "
+            f"protocol=transfer: {target.name} and {source.name} share {len(classes)} classes; "
+            f"name more with protocol.classes=, which maps those of {source.name} "
             f"({joined.class_names(source)}) to those of {target.name} "
             f"({joined.class_names(target)})"
         )

@@ -1,4 +1,4 @@
-/* An example in C: put your sensor in the place of read_frame. make example, then ./example. */
+/* An example in C: replace read_frame with your sensor. make example, then ./example. */
 
 #include <stdio.h>
 

@@ -1,4 +1,4 @@
-/* Compare the C with what Python predicts of some captures (vectors.h); print what differs. make test. */
+/* Compare the C with the predictions of Python for some captures (vectors.h); print differences. make test. */
 
 #include <math.h>
 #include <stdio.h>
@@ -6,7 +6,7 @@
 #include "touch.h"
 #include "vectors.h"
 
-#define APART 0.02f /* of probabilities, which single precision, and trees at a threshold, may change */
+#define TOLERANCE 0.02f /* of probabilities: single precision, and trees at a threshold, may change them */
 
 static touch_t touch;
 static float frame[TOUCH_TAXELS], probabilities[TOUCH_CLASSES];
@@ -27,7 +27,7 @@ int main(void)
             label = touch_label(&touch, probabilities, 0);
         int differs = label != vectors[v].label;
         for (int c = 0; c < TOUCH_CLASSES && !differs; c++)
-            differs = !(fabsf(probabilities[c] - vectors[v].probabilities[c]) <= APART);
+            differs = !(fabsf(probabilities[c] - vectors[v].probabilities[c]) <= TOLERANCE);
         if (!differs)
             continue;
         wrong++;
