@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 import pandas as pd
 from scipy.stats import kendalltau
 
-from bench.reports.views.faults import losses_by_fault
 from bench.values.measures import Measure, percent_measure, text_measure
 from bench.values.result import Result
 from bench.values.stability import clean_labels
@@ -36,11 +35,18 @@ SEEDS = "clean captures whose label differs between seeds of a system."
 
 
 def failure_tables(
-    results: Sequence[Result], seeds: Sequence[Result]
+    results: Sequence[Result], losses: Sequence[Mapping[str, float]], seeds: Sequence[Result]
 ) -> Iterator[tuple[str, Table]]:
-    """Captions and tables of comparable results, one of each system, and of their ``seeds``."""
-    tables = (GROUPS, failing_groups(results)), (RANKS, fault_ranks(results))
-    for caption, table in (*tables, (SEEDS, changed_labels(seeds))):
+    """Captions and tables of comparable results, one of each system, and of their ``seeds``.
+
+    ``losses`` has the mean loss of each result under each fault.
+    """
+    tables = {
+        GROUPS: failing_groups(results),
+        RANKS: fault_ranks(results, losses),
+        SEEDS: changed_labels(seeds),
+    }
+    for caption, table in tables.items():
         if len(table):
             yield caption, table
 
@@ -57,26 +63,24 @@ def failing_groups(results: Sequence[Result]) -> Table:
     return Table(GROUP_COLUMNS, rows, groups=systems)
 
 
-def fault_ranks(results: Sequence[Result]) -> Table:
+def fault_ranks(results: Sequence[Result], losses: Sequence[Mapping[str, float]]) -> Table:
     """Rank of each system (1 is best) when clean and under each fault; empty for one system."""
-    accuracies = pd.DataFrame(
-        {
-            r.system_with_seed: {"clean": r["accuracy"]}
-            | {fault: r["accuracy"] - loss for fault, loss in losses_by_fault(r).items()}
-            for r in results
-        }
-    ).round(9)
+    columns = {}
+    for r, lost in zip(results, losses, strict=True):
+        under_faults = {fault: r["accuracy"] - points for fault, points in lost.items()}
+        columns[r.system_with_seed] = {"clean": r["accuracy"]} | under_faults
+    accuracies = pd.DataFrame(columns).round(9)
     if len(accuracies) < 2 or len(results) < 2:
         return Table((), ())
     clean = accuracies.loc["clean"]
     tau = [kendalltau(clean, under_fault).statistic for _, under_fault in accuracies.iterrows()]
     ranks = accuracies.rank(axis=1, ascending=False).assign(tau=tau).rename_axis("fault")
-    columns = [
+    measures = [
         text_measure("fault", source=lambda row: row["fault"].replace("_", " ")),
         *(Measure(r.system_with_seed, form="g") for r in results),
         Measure("tau", "Kendall's tau", form=".2f"),
     ]
-    return Table(columns, rows_of_frame(ranks.reset_index()))
+    return Table(measures, rows_of_frame(ranks.reset_index()))
 
 
 def changed_labels(results: Sequence[Result]) -> Table:

@@ -137,7 +137,8 @@ class Faults(View):
             exhibits.append(main)
             values, context = runs[0].values_to_agree, ", ".join(runs[0].context)
             seeds = [r for r in results if r.is_complete and r.values_to_agree == values]
-            for caption, table in failure_tables(runs, seeds):
+            losses = [losses_by_fault(r) for r in runs]
+            for caption, table in failure_tables(runs, losses, seeds):
                 exhibits.append(Exhibit(main.heading, table=table, caption=f"{context}: {caption}"))
         return exhibits
 

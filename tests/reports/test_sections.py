@@ -50,17 +50,15 @@ def test_groups_of_several_corpora_and_words_of_shared_parameters():
 
 def test_ranks_under_faults_and_their_order():
     """The order turns under noise; under shift all are equal."""
-    losses = {"a": (0.3, 0.1), "b": (0.1, 0.05), "c": (0.0, 0.0)}
-    runs = [
-        make_stress_run(name, accuracy, dict(zip(BOTH, lost, strict=True)))
-        for accuracy, (name, lost) in zip((0.7, 0.65, 0.6), losses.items(), strict=True)
-    ]
-    rows = {row["fault"]: row for row in fault_ranks(runs).texts}
+    lost = [dict(zip(BOTH, each, strict=True)) for each in ((0.3, 0.1), (0.1, 0.05), (0.0, 0.0))]
+    clean = zip("abc", (0.7, 0.65, 0.6), strict=True)
+    runs = [make_stress_run(name, accuracy, {}) for name, accuracy in clean]
+    rows = {row["fault"]: row for row in fault_ranks(runs, lost).texts}
     assert [rows["clean"][name] for name in "abc"] == ["1", "2", "3"]
     assert [rows["noise"][name] for name in "abc"] == ["3", "2", "1"]
     assert [rows["shift"][name] for name in "abc"] == ["2", "2", "2"]
     assert [row["Kendall's tau"] for row in rows.values()] == ["1.00", "-1.00", "-"]
-    assert not len(fault_ranks(runs[:1]))
+    assert not len(fault_ranks(runs[:1], lost[:1]))
 
 
 def test_failing_groups_and_labels_that_change_with_the_seed():
