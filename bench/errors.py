@@ -27,7 +27,7 @@ class ClusterError(Exception):
 
 
 def check_value(key: str, value: object, is_valid: bool, advice: str) -> None:
-    """Raise an `InputError` that names a key with its value and says what to give, unless the value is valid."""
+    """Refuse an invalid value: the `InputError` names the key, the value and what to give."""
     if not is_valid:
         shown = f"{value:g}" if isinstance(value, float) else value
         raise InputError(f"{key}={shown}: give {advice}")

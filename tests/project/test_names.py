@@ -1,9 +1,9 @@
 """Gestures and subjects may have any names: every command gives the same numbers.
 
 The new names sort as the old ones do, also where whole numbers come first, as they do for folds:
-the order of classes decides ties. No word names a gesture and a subject, so that tables can be compared
-under the old names. Random numbers of a subject's sensor depend on the subject's name, so the fault
-here is one of single captures.
+the order of classes decides ties. No word names a gesture and a subject, so that tables can be
+compared under the old names. Random numbers of a subject's sensor depend on the subject's name, so
+the fault here is one of single captures.
 """
 
 import csv

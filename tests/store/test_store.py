@@ -137,9 +137,11 @@ def test_a_store_that_can_only_be_read_is_read_and_left_alone(
 
     before = read()
     Path("mlflow.db.lock").unlink()
-    files = lambda: {
-        p: p.stat().st_mtime_ns for p in [*Path().glob("*.db*"), *Path("mlruns").rglob("*")]
-    }  # noqa: E731
+
+    def files():
+        paths = [*Path().glob("*.db*"), *Path("mlruns").rglob("*")]
+        return {path: path.stat().st_mtime_ns for path in paths}
+
     found = files()
     monkeypatch.setattr(database.tempfile, "TemporaryFile", refused)
     assert read() == before and len(bench.runs(data="people")) and files() == found
