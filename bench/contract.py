@@ -205,11 +205,14 @@ def window_frames(estimator: System, rate_hz: float) -> int | None:
         except InputError:
             raise
         except Exception as e:  # a system of the user's may raise anything
-            reason = f"{type(e).__name__}: {e}"
-            raise InputError(f"length({rate_hz:g}) of the system raises {reason}") from e
+            raise InputError(
+                f"length({rate_hz:g}) of the system raises {type(e).__name__}: {e}"
+            ) from e
         if not isinstance(frames, int | np.integer | None):
-            advice = "give a number of frames, or None"
-            raise InputError(f"length({rate_hz:g}) of the system gives {frames!r}; {advice}")
+            raise InputError(
+                f"length({rate_hz:g}) of the system gives {frames!r}; give a number of frames, or "
+                "None"
+            )
         return None if frames is None else int(frames)
     if not isinstance(estimator, BaseEstimator):
         return None
@@ -247,8 +250,9 @@ def required_conditions(estimator: System) -> tuple[str, ...]:
     names = set()
     for part in parts_of(estimator):
         if isinstance(declared := getattr(part, "conditions", ()), str):
-            advice = f"give a tuple of names, such as ({declared!r},)"
-            raise InputError(f"conditions = {declared!r}: {advice}")
+            raise InputError(
+                f"conditions = {declared!r}: give a tuple of names, such as ({declared!r},)"
+            )
         names |= {*declared}
     return tuple(sorted(names))
 
@@ -258,18 +262,23 @@ def check_conditions(estimator: System, corpus: Corpus) -> None:
     secret = {"subject", "gesture", *corpus.target.split("+")}
     for name in required_conditions(estimator):
         if name in secret:
-            reason = f"the system declares {name!r}, which a prediction must not use"
-            raise InputError(f"conditions: {reason}; remove it")
+            raise InputError(
+                f"conditions: the system declares {name!r}, which a prediction must not use; "
+                "remove it"
+            )
         if name not in corpus.captures:
             others = [str(column) for column in corpus.captures if column not in secret]
-            reason = f"{corpus.name} has no column {name!r}"
-            raise InputError(f"conditions: {reason}; {suggest_names(name, others)}")
+            raise InputError(
+                f"conditions: {corpus.name} has no column {name!r}; {suggest_names(name, others)}"
+            )
         values = corpus.captures[name]
         for secret_name, labels in (("class", corpus.gestures), ("subject", corpus.subjects)):
             labels_by_value = pd.Series(labels).groupby(values.to_numpy(), dropna=False)
             if values.nunique() > 1 and labels_by_value.nunique().max() == 1:
-                reason = f"each value of {name!r} has one {secret_name}"
-                raise InputError(f"conditions: {reason}, so it tells the {secret_name}; remove it")
+                raise InputError(
+                    f"conditions: each value of {name!r} has one {secret_name}, so it tells the "
+                    f"{secret_name}; remove it"
+                )
 
 
 def blind_captures(estimator: System, X: Any) -> Any:
@@ -340,8 +349,9 @@ def predict_labels(estimator: System, X: Corpus) -> np.ndarray:
     predicted = estimator.predict(blind_captures(estimator, X))
     labels = np.asarray(predicted, dtype=object).ravel()  # CatBoost gives a column
     if len(labels) != len(X):
-        mistake = f"predict gives {len(labels)} labels for {len(X)} captures"
-        raise PredictionError(f"{mistake}; give one each")
+        raise PredictionError(
+            f"predict gives {len(labels)} labels for {len(X)} captures; give one each"
+        )
     is_unknown = ~np.isin(labels, np.asarray(estimator.classes_, dtype=object))
     if is_unknown.any() and (label := abstention_label(estimator)) is not None:
         is_unknown &= labels != label
@@ -362,8 +372,10 @@ def check_probabilities(estimator: System, proba: Any, rows: int, method: str) -
     """
     proba = np.asarray(proba)
     if proba.shape != (shape := (rows, len(estimator.classes_))):
-        mistake = f"{method} gives probabilities of shape {proba.shape}"
-        raise PredictionError(f"{mistake} for {shape} decisions and classes_")
+        raise PredictionError(
+            f"{method} gives probabilities of shape {proba.shape} for {shape} decisions and "
+            "classes_"
+        )
     total = proba.sum(axis=1)
     is_valid = (proba.min(axis=1) >= -SUM_TOLERANCE) & (np.abs(total - 1) <= SUM_TOLERANCE)
     if is_valid.all():

@@ -13,7 +13,7 @@ from typing import Any
 
 from bench.errors import InputError, suggest_names
 from bench.ground.registry import import_object, load_part, load_parts, registered_parts
-from bench.ground.typed import DEFAULTS, Values, parse_option, parse_value
+from bench.ground.typed import DEFAULTS, Values, expand_home, parse_option, parse_value
 from bench.ground.typed import Option as Option
 from bench.values.measures import all_costs, costs_by_budget
 
@@ -185,8 +185,10 @@ def parse_arguments(arguments: Sequence[str], keys: Collection[str] | None) -> d
             advice = f"keys: {', '.join(sorted(keys))}" if keys else "leave it out, or see --help"
             raise InputError(f"{argument!r} is not key=value; {advice}")
         if key in values:
-            advice = f"give it once, several values as {key}={values[key]},{value}"
-            raise InputError(f"{key}= is given twice; {advice}")
+            raise InputError(
+                f"{key}= is given twice; give it once, several values as "
+                f"{key}={values[key]},{value}"
+            )
         if keys is not None:
             _check_key(key, keys)
         values[key] = value
@@ -212,8 +214,10 @@ def values_from_keywords(values: Mapping[str, object], keys: Collection[str]) ->
         InputError: a key is not among ``keys``.
     """
     typed = {key.replace("__", "."): value for key, value in values.items() if value is not None}
-    for key in typed:
+    for key, value in typed.items():
         _check_key(key, keys)
+        if isinstance(value, str | Path):
+            typed[key] = type(value)(expand_home(str(value)))
     return typed
 
 
@@ -254,8 +258,9 @@ def make_executor(values: Values) -> Any:
     for key, option in options_of_packages("makers", values).items():
         if address := str(values.get(key, "")):
             if "jobs" in values:
-                advice = f"{key}= sets the number of workers; leave jobs= out"
-                raise InputError(f"jobs={values['jobs']}: {advice}")
+                raise InputError(
+                    f"jobs={values['jobs']}: {key}= sets the number of workers; leave jobs= out"
+                )
             return import_object(option.uses)(address)
     jobs = parse_value("jobs", values["jobs"], 0) if "jobs" in values else None
     return import_object(LOCAL_EXECUTOR)(jobs)

@@ -135,8 +135,10 @@ def _import_part(path: str, argument: str) -> Any:
     try:
         return import_object(path)
     except Exception as e:  # a module of another author may raise anything
-        reason = f"{type(e).__name__}: {e}; repair or remove the package"
-        raise InputError(f"{argument} cannot be loaded from {path}: {reason}") from e
+        raise InputError(
+            f"{argument} cannot be loaded from {path}: {type(e).__name__}: {e}; repair or remove "
+            "the package"
+        ) from e
 
 
 def _load_from_file(argument: str, path: Path, attribute: str) -> Callable:
@@ -145,8 +147,9 @@ def _load_from_file(argument: str, path: Path, attribute: str) -> Callable:
     try:
         content = path.read_bytes()
     except OSError as e:
-        reason = f"{path} cannot be read ({e.strerror})"
-        raise InputError(f"{argument}: {reason}; give file.py:Name") from e
+        raise InputError(
+            f"{argument}: {path} cannot be read ({e.strerror}); give file.py:Name"
+        ) from e
     digest = hashlib.sha256(str(path).encode() + content).hexdigest()
     module_name = FILE_MODULE_PREFIX + digest[:16]
     if module_name not in sys.modules:
@@ -172,8 +175,9 @@ def _import_file(argument: str, path: Path, module_name: str) -> None:
         spec.loader.exec_module(module)
     except Exception as e:  # a file of the user's may raise anything
         del sys.modules[module_name]
-        reason = f"{type(e).__name__}: {e}"
-        raise InputError(f"{argument}: {path.name} cannot be imported: {reason}") from e
+        raise InputError(
+            f"{argument}: {path.name} cannot be imported: {type(e).__name__}: {e}"
+        ) from e
 
 
 def parameter_defaults(part: Callable) -> dict[str, object]:

@@ -21,7 +21,7 @@ from bench.errors import InputError
 def data_folder() -> Path:
     """The folder of imported corpora and cached features: ``TOUCHBENCH_HOME``, or the user's."""
     if override := os.environ.get("TOUCHBENCH_HOME"):
-        return Path(override)
+        return Path(override).expanduser()
     from platformdirs import user_data_path
 
     return user_data_path("touchbench")
@@ -89,8 +89,9 @@ def fill_then_rename(out: Path) -> Iterator[Path]:
         yield beside
         beside.rename(out)
     except OSError as e:
-        reason = f"cannot be written ({e.strerror or e})"
-        raise InputError(f"out={out}: {reason}; choose another folder") from e
+        raise InputError(
+            f"out={out}: cannot be written ({e.strerror or e}); choose another folder"
+        ) from e
 
 
 def owner_prefix() -> str:

@@ -68,8 +68,9 @@ def _hash_data_files(path: str | Path, names: object) -> Iterator[bytes]:
         try:
             yield hashlib.sha256(Path(path).with_name(str(name)).read_bytes()).digest()
         except (OSError, ValueError) as e:
-            reason = f"depends names {name!r}, which cannot be read ({e})"
-            raise InputError(f"{path}: {reason}; correct the name") from e
+            raise InputError(
+                f"{path}: depends names {name!r}, which cannot be read ({e}); correct the name"
+            ) from e
 
 
 def _module_name(part: Code) -> str:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import os
 import re
 import shlex
+import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Self
@@ -33,6 +35,9 @@ UNITS = {  # units that can be typed, by the unit in which an amount is stored
 LARGEST_INTEGER = 10**6
 LARGEST_SEED = 2**32 - 1  # of NumPy and scikit-learn
 LISTED_VALUES = 3  # at most, in the refusal of a value
+DOTTED_KEY = re.compile(r"\s*\w+\.[\w.]+\s*=")  # of a line of TOML, to which it is a table
+DOTTED = 'write a key with a dot in quotes, such as "model.C" = 8'
+HOME = re.compile(r"(?:^|(?<=[=,]))~(?:[\w.-]*(?=/)|$)")  # in a word, or a value between commas
 GROUP_IN_HELP = re.compile(r"{([\w.]+)}")
 BOOLEANS = {"true": True, "yes": True, "false": False, "no": False}
 READERS: dict[type, tuple[str, Callable[[str], object]]] = {
@@ -51,8 +56,9 @@ def split_values(key: str, value: object) -> list:
             return [value]
         values = value.split(",")
         if not all(values):
-            advice = "a value is missing beside a comma; add it or remove the comma"
-            raise InputError(f"{key}={value}: {advice}")
+            raise InputError(
+                f"{key}={value}: a value is missing beside a comma; add it or remove the comma"
+            )
         return values
     is_parameter = "." in key  # which may be a tuple
     if not isinstance(value, list) and (is_parameter or not isinstance(value, tuple)):
@@ -77,6 +83,34 @@ def arguments_of_label(key: str, label: str) -> dict[str, str]:
     name, _, parameters = label.rstrip("]").partition("[")
     pairs = (text.partition("=") for text in parameters.split(", ") if text)
     return {key: name} | {f"{key}.{parameter}": value for parameter, _, value in pairs}
+
+
+def parse_toml(content: bytes) -> dict[str, Any]:
+    """Parse a TOML file; a byte order mark, which editors on Windows write, is left out.
+
+    Raises:
+        InputError: it is not TOML; the message ends with advice on the line.
+    """
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeError as e:
+        raise InputError("not UTF-8 text; save the file as UTF-8") from e
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as e:
+        number = re.search(r"at line (\d+)", str(e))
+        line = text.splitlines()[int(number[1]) - 1] if number else ""
+        advice = "write text in quotes and lists in brackets"
+        if DOTTED_KEY.match(line):
+            advice = DOTTED
+        elif "overwrite" in str(e) or "twice" in str(e):
+            advice = "write each key and table once, and several values of a key as a list"
+        raise InputError(f"not TOML: {e}; {advice}") from e
+
+
+def expand_home(argument: str) -> str:
+    """Replace ``~`` at the start of a word or value, which only some shells do behind ``=``."""
+    return HOME.sub(lambda match: os.path.expanduser(match[0]), argument)
 
 
 def quote_value(value: str) -> str:

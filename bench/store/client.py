@@ -123,8 +123,10 @@ class Store:
                 gc.enable()
         readable = [run for run in runs if run.data.tags.get("touchbench.format") == FORMAT]
         if len(readable) < len(runs):
-            message = "runs that another version of touchbench has stored are left out"
-            warn(f"{message}; run their commands again")
+            warn(
+                "runs that another version of touchbench has stored are left out; run their "
+                "commands again"
+            )
         return readable
 
     def runs_of_kind(self, *kinds: str, data: str = "") -> list[Run]:
@@ -349,8 +351,9 @@ def connect(writes: bool = False) -> Store:
             return Store(client, _find_or_create_experiment(client, None if is_read_only else path))
         # also a missing driver, and a name that is no UTF-8
         except (MlflowException, SQLAlchemyError, StoreError, ImportError, UnicodeError) as e:
-            reason = f"cannot be used: {_why_unusable(e)}"
-            raise InputError(f"MLflow store {_printed_address()} {reason}") from e
+            raise InputError(
+                f"MLflow store {_printed_address()} cannot be used: {_why_unusable(e)}"
+            ) from e
         finally:
             os.environ["MLFLOW_HTTP_REQUEST_MAX_RETRIES"] = retries or RETRIES
 

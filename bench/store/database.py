@@ -139,8 +139,9 @@ def lock_run(key: str) -> Iterator[None]:
         with FileLock(lock_folder() / f"{key}.lock", timeout=0):
             yield
     except Timeout as e:
-        reason = "another process is evaluating this system"
-        raise InputError(f"{reason}; wait for it and repeat the command") from e
+        raise InputError(
+            "another process is evaluating this system; wait for it and repeat the command"
+        ) from e
 
 
 def lock_folder() -> Path:
@@ -149,6 +150,7 @@ def lock_folder() -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as e:
-        reason = f"{folder} cannot be written ({e})"
-        raise InputError(f"{reason}; set TOUCHBENCH_HOME to a folder that can") from e
+        raise InputError(
+            f"{folder} cannot be written ({e}); set TOUCHBENCH_HOME to a folder that can"
+        ) from e
     return folder

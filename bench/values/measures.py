@@ -317,8 +317,10 @@ def all_costs() -> dict[str, Cost]:
     costs: dict[str, Cost] = {}
     for cost in (*OF_SYSTEMS, *of_circumstances, *OF_PEOPLE, *of_runs):
         if cost.key in costs or cost.scene_line in {c.scene_line for c in costs.values()}:
-            clash = f"two costs have the key {cost.key} or its line in scenes"
-            raise InputError(f"{clash}; remove the package of one")
+            raise InputError(
+                f"two costs have the key {cost.key} or its line in scenes; remove the package of "
+                "one"
+            )
         costs[cost.key] = cost
     return costs
 
