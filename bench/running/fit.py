@@ -79,7 +79,7 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True, learner: Any
         check_empty_folder(out)
     check_system(cell)
     system = cell.estimator()
-    corpus = learner.captures(cell) if learner else captures_of_cell(cell)
+    corpus = learner.load_captures(cell) if learner else captures_of_cell(cell)
     if conditions := contract.required_conditions(system):
         raise InputError(
             f"model={cell.model}: it predicts with {', '.join(conditions)}, which a saved model "
@@ -128,7 +128,7 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True, learner: Any
                 with fill_then_rename(out) as folder:
                     mlflow.pyfunc.save_model(str(folder), **model)
     gestures = int((~np.isin(corpus.gestures, corpus.info.get(ASIDE, []))).sum())
-    note = "" if watcher is None else learner.sentence
+    note = "" if watcher is None else learner.note
     return Fitted(cell, recogniser, saved.model_uri, run_id, gestures, note)
 
 
@@ -137,11 +137,11 @@ def _learn_more(learner: Any, cell: Cell, system: contract.System, corpus: Corpu
     try:
         if len(set(corpus.subjects)) < 2:
             raise InputError("only one subject trains")
-        for line in learner.warnings(corpus):
+        for line in learner.warnings_of_captures(corpus):
             warn(f"warning: {line}")
-        return learner.learned(cell.estimator, system, corpus)
+        return learner.learn_watcher(cell.estimator, system, corpus)
     except InputError as e:
-        warn(f"warning: the model {learner.without}: {e}")
+        warn(f"warning: the model {learner.inability}: {e}")
         return None
 
 

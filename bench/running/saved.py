@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 CLOSE = 1e-3  # of a step, as single precision has readings
 MOST_VALUES = 1 << 16  # of readings that are multiples of a step: what C can sum up in 32 bits
-FORMAT = "4"  # version of saved models; others are refused
+FORMAT = "5"  # version of saved models; others are refused
 
 PACKAGES = ("features", "models", "protocols")  # their code goes with a model, beside that of bench
 

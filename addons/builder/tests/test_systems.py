@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from scipy.stats import chi2
 
-from addons.streams.tests.made import PEOPLE, day
+from addons.streams.tests.people import PEOPLE, import_day
 from bench.errors import InputError
 from bench.reading.candidates import Candidates
 from bench.reading.choice import choose_candidate
@@ -92,7 +92,7 @@ def test_budgets_of_streams_are_those_of_recordings_of_people_left_out(
 
 def test_from_recordings_it_learns_the_compared_gestures_and_to_watch():
     """``bench fit`` also has the background as a class, which the comparison lacks."""
-    day()
+    import_day()
     values = {"model": "lda", "features": "touch", "model.window": 0.5}
     run_id, recogniser = fit_or_load({"data": "day", "jobs": "1"}, values, "key", stopping=False)
     assert recogniser.classes == sorted(set(PEOPLE.events["gesture"]))

@@ -28,7 +28,7 @@ from bench.models.reflex import Reflex
 from bench.running.replay import learn_stopping_rule
 from bench.running.saved import Recogniser
 from touchbench_chip.write import write_c_sources
-from touchbench_people.adaptation import adapted
+from touchbench_people.adaptation import adapt_system
 from touchbench_people.scaler import adaptable
 
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-ffp-contract=off", "-O1")
@@ -55,7 +55,7 @@ STOPPING = {"lda", "bayes"}  # in 32 bits they learn when to decide, too
 
 
 class Answer(NamedTuple):
-    """What the C says of a capture: label or code, probabilities after each frame, and so on."""
+    """Output of the C for a capture: label or code, probabilities after each frame, and more."""
 
     label: int
     proba: np.ndarray
@@ -64,30 +64,30 @@ class Answer(NamedTuple):
     ready: np.ndarray
 
 
-def lacking(*programs):
-    """Which programs are not installed, in words; nothing if all are."""
+def describe_missing(*programs):
+    """Name programs that are not installed; empty if all are."""
     missing = [name for name in programs if shutil.which(name) is None]
     return f"{', '.join(missing)} not installed" if missing else ""
 
 
-def written(recogniser, folder, bits=32):
-    """The files of a system in a folder."""
+def write_files(recogniser, folder, bits=32):
+    """Write the C files of a system into a folder, which is returned."""
     folder.mkdir(parents=True, exist_ok=True)
     for name, text in write_c_sources(recogniser, bits, "a test").items():
         (folder / name).write_text(text)
     return folder
 
 
-def in_double(text):
-    """C of single precision in double: types, functions and constants, pi in full."""
+def to_double_precision(text):
+    """Change C to double precision: types, functions and constants, pi in full."""
     text = re.sub(r"\bfloat\b", "double", text)
     text = re.sub(r"\b(sqrt|log|exp|fabs|fmax|fmin|cos|sin)f\b", r"\1", text)
     text = re.sub(r"(?<![\w.])(\d+\.?\d*(?:e-?\d+)?)f\b", r"\1", text)
     return text.replace("#define PI 3.1415927", f"#define PI {np.pi!r}")
 
 
-def loaded(folder, text):
-    """Functions of C that includes the exported C of a folder."""
+def load_library(folder, text):
+    """Compile C that includes the exported C of a folder, and load it."""
     (folder / "library.c").write_text(text)
     call = ["gcc", *STRICT, "-shared", "-fPIC", "library.c", "-lm", "-o", "library.so"]
     subprocess.run(call, cwd=folder, check=True, capture_output=True, text=True)
@@ -95,16 +95,16 @@ def loaded(folder, text):
 
 
 class Library:
-    """The C of a system, compiled; called with frames, it gives an `Answer`, also after every frame."""
+    """The compiled C of a system; a call with frames returns an `Answer`."""
 
     def __init__(self, recogniser, bits=32, precision=np.float32):
         self.classes, self.precision = len(recogniser.classes), precision
         with tempfile.TemporaryDirectory() as name:
-            folder = written(recogniser, Path(name), bits)
-            change = in_double if precision is np.float64 else str
+            folder = write_files(recogniser, Path(name), bits)
+            change = to_double_precision if precision is np.float64 else str
             for path in (folder / name for name in ("touch.c", "touch.h", "tables.h")):
                 path.write_text(change(path.read_text()))
-            self.code = loaded(folder, change((HERE / "library.c").read_text()))
+            self.code = load_library(folder, change((HERE / "library.c").read_text()))
 
     def __call__(self, frames, every=False):
         n = len(frames)
@@ -120,8 +120,8 @@ class Library:
         return Answer(label, proba, float(settled[0]), features, ready)
 
 
-def fitted(model, corpus, stopping=False):
-    """A saved system, as `bench fit` makes one; the network inside reflex learns for a shorter time."""
+def fit_recogniser(model, corpus, stopping=False):
+    """Fit a system to save; the network inside reflex is trained for a shorter time."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
             "bench.models.out_of_distribution.Perceptron", partial(Perceptron, updates=300)
@@ -135,8 +135,8 @@ def fitted(model, corpus, stopping=False):
 
 
 @cache
-def touched(rows=5, cols=7, rate_hz=40.0, classes=3):
-    """Four people who press here or there, for long or short, hard or not; some taxels are dead or stuck."""
+def touch_corpus(rows=5, cols=7, rate_hz=40.0, classes=3):
+    """Captures of a few gestures of four generated people; some taxels are dead or stuck."""
     corpus = generate(subjects=4, rows=rows, cols=cols, rate_hz=rate_hz, variants=("normal",))
     names = sorted(set(corpus.gestures))[2 : 2 + classes]
     part = corpus[np.flatnonzero(np.isin(corpus.gestures, names))].detach()
@@ -147,16 +147,16 @@ def touched(rows=5, cols=7, rate_hz=40.0, classes=3):
 
 
 @cache
-def made(name, stopping=False):
-    """A system, fitted once for all tests."""
-    recogniser = fitted(SYSTEMS[name](), touched(), stopping)
+def fit_system(name, stopping=False):
+    """Fit one of `SYSTEMS`, once for all tests."""
+    recogniser = fit_recogniser(SYSTEMS[name](), touch_corpus(), stopping)
     if name == "a person":
-        captures = touched()[touched().subjects == "2"]
-        recogniser.estimator = adapted(recogniser.estimator, captures, captures.gestures)
+        captures = touch_corpus()[touch_corpus().subjects == "2"]
+        recogniser.estimator = adapt_system(recogniser.estimator, captures, captures.gestures)
     return recogniser
 
 
 @cache
-def in_c(name, bits):
-    """The C of such a system, compiled once for all tests."""
-    return Library(made(name, name in STOPPING and bits == 32), bits)
+def compile_system(name, bits):
+    """Compile the C of one of `SYSTEMS`, once for all tests."""
+    return Library(fit_system(name, name in STOPPING and bits == 32), bits)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from addons.chip.tests.compiled import lacking
+from addons.chip.tests.compiled import describe_missing
 from bench.cli import main
 from bench.commands.printing import table_of_runs
 from bench.ground.registry import load_views
@@ -17,9 +17,9 @@ from bench.plan.plan import make_plans
 from bench.reading.candidates import find_candidates
 from bench.values import scores
 from tests.conftest import predictions, runs
+from tests.reading.results import make_predictions, make_result
 from tests.reading.test_choice import run as costly
 from tests.reports.conftest import quick  # noqa: F401
-from tests.reading.results import make_predictions, make_result
 from touchbench_chip import fold as onchip
 from touchbench_chip import measure as compiled
 from touchbench_chip import network
@@ -44,7 +44,7 @@ WATCHED |= {"chip_watch_stack_bytes": 420.0}
 WATCHED |= {"chip_watch_idle_instructions": 1.1e5, "chip_watch_frame_instructions": 2.6e5}
 
 
-def defined(folder):
+def count_named(folder):
     """Gestures that the exported watcher names, 0 without."""
     text = (folder / "tables.h").read_text()
     return int(text.split("#define NAMED ")[1].split()[0]) if "#define NAMED " in text else 0
@@ -57,12 +57,12 @@ def costs(monkeypatch):
     monkeypatch.setattr(
         onchip,
         "measure_watching",
-        lambda folder, _: WATCHED | {"chip_watch_defined": defined(folder)},
+        lambda folder, _: WATCHED | {"chip_watch_defined": count_named(folder)},
     )
     monkeypatch.setattr(onchip, "missing_programs", lambda: [])
 
 
-@pytest.mark.skipif(bool(lacking("cc")), reason=lacking("cc"))
+@pytest.mark.skipif(bool(describe_missing("cc")), reason=describe_missing("cc"))
 def test_labels_of_c_are_tracked_beside_those_of_python_and_drawn(costs, quick, capsys):  # noqa: F811
     few = "where=gesture in ('grab', 'pat', 'rub', 'tap')"
     assert main(["run", "form=c", "model=bayes", "bits=8", few, *SMALL]) == 0
@@ -103,7 +103,8 @@ def test_a_machine_without_the_programs_is_refused_before_anything_runs(monkeypa
 
 def test_c_that_does_not_fit_is_a_failed_fold(tmp_path):
     (tmp_path / "Makefile").write_text(
-        "flash count chip:\n\t@echo x does not fit: FLASH=1K is 9 bytes too small >&2; echo make failed >&2; exit 1\n"
+        "flash count chip:\n\t@echo x does not fit: FLASH=1K is 9 bytes too small >&2; "
+        "echo make failed >&2; exit 1\n"
     )
     if shutil.which("make") is None:
         pytest.skip("make not installed")

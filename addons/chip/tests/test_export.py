@@ -1,4 +1,4 @@
-"""Exported C: it decides as Python does, refuses what is no frame, and fits on a chip or does not link."""
+"""Exported C decides as Python does, refuses bad frames, and fits on a chip or is not linked."""
 
 import io
 import re
@@ -19,12 +19,12 @@ from addons.chip.tests.compiled import (
     STRICT,
     SYSTEMS,
     Library,
-    fitted,
-    in_c,
-    lacking,
-    made,
-    touched,
-    written,
+    compile_system,
+    describe_missing,
+    fit_recogniser,
+    fit_system,
+    touch_corpus,
+    write_files,
 )
 from bench.cli import main
 from bench.corpora.corpus import Corpus
@@ -36,7 +36,7 @@ from bench.models.sizes import measure_sizes
 from bench.running.saved import silence_mlflow
 from touchbench_chip.tables import collect_contents
 
-pytestmark = pytest.mark.skipif(bool(lacking("gcc")), reason=lacking("gcc"))
+pytestmark = pytest.mark.skipif(bool(describe_missing("gcc")), reason=describe_missing("gcc"))
 ARM = ("arm-none-eabi-gcc", "qemu-system-arm", "make")
 
 
@@ -54,9 +54,9 @@ SAME_IN_8_BITS = {"lda", "lda scaled", "softmax on jung28", "bayes"}  # Python c
 )
 def test_it_decides_as_python_does(name, bits):
     corpus, library, recogniser = (
-        touched(),
-        in_c(name, bits),
-        made(name, name in STOPPING and bits == 32),
+        touch_corpus(),
+        compile_system(name, bits),
+        fit_system(name, name in STOPPING and bits == 32),
     )
     table = recogniser.label_captures(corpus)
     expected = table.filter(like="p_").to_numpy()
@@ -77,22 +77,22 @@ def test_it_decides_as_python_does(name, bits):
 
 @pytest.mark.parametrize("name", sorted(SAME_IN_8_BITS))
 def test_it_decides_as_python_in_8_bits_does_in_as_many_bytes_as_are_counted(name):
-    corpus, system, library = touched(), SYSTEMS[name](), in_c(name, 8)
+    corpus, system, library = touch_corpus(), SYSTEMS[name](), compile_system(name, 8)
     system = system.set_params(bits=8) if "bits" in system.get_params() else Recipe(system, bits=8)
-    plain = fitted(system, corpus)
+    plain = fit_recogniser(system, corpus)
     expected = plain.label_captures(corpus).filter(like="p_").to_numpy()
     apart = np.abs([library(frames).proba[-1] for frames in corpus] - expected).max(axis=1)
     assert np.median(apart) < 1e-4 and np.quantile(apart, 0.95) < 0.01
-    check_sizes(plain, made(name), library, 8)
+    check_sizes(plain, fit_system(name), library, 8)
 
 
 @pytest.mark.parametrize("name", ["svm", "rf", "xgb"])
 def test_it_has_as_many_bytes_as_are_counted(name):
-    check_sizes(made(name), made(name), in_c(name, 32), 32)
+    check_sizes(fit_system(name), fit_system(name), compile_system(name, 32), 32)
 
 
 def check_sizes(counted_of, exported, library, bits):
-    counted = measure_sizes(counted_of.estimator, 35, int(touched().lengths.max()))
+    counted = measure_sizes(counted_of.estimator, 35, int(touch_corpus().lengths.max()))
     chip = collect_contents(exported, bits)
     tables = [part.arrays.items() for part in (chip, *chip.deciders.values())]
     arrays = [
@@ -120,9 +120,9 @@ RARE = ["reflex", "lda scaled", "bayes", "svm", "rf", "xgb", "hughes2017_cnn"]
 def test_bad_input_is_a_code_that_changes_nothing_and_nothing_is_undefined(
     compiler, name, tmp_path
 ):
-    if lacking(compiler):
-        pytest.skip(lacking(compiler))
-    written(made(name, stopping=name == "bayes"), tmp_path, 8)
+    if describe_missing(compiler):
+        pytest.skip(describe_missing(compiler))
+    write_files(fit_system(name, stopping=name == "bayes"), tmp_path, 8)
     shutil.copy(HERE / "abuse.c", tmp_path)
     checked = (
         ["-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
@@ -153,7 +153,7 @@ def test_features_of_touch_are_those_of_python(rows, cols, rate_hz, window):
         for n in lengths
     ]
     if rows * cols > 8:
-        arrays += [touched(rows, cols, rate_hz)[i][:frames] for i in range(6)]
+        arrays += [touch_corpus(rows, cols, rate_hz)[i][:frames] for i in range(6)]
     arrays = [a.astype(np.uint16) for a in arrays]
     labels = {
         "subject": ["1", "2"] * (len(arrays) // 2),
@@ -161,7 +161,7 @@ def test_features_of_touch_are_those_of_python(rows, cols, rate_hz, window):
     }
     corpus = Corpus.from_captures(arrays, pd.DataFrame(labels), rate_hz)
     # a forest leaves features as they are; others measure them in place
-    recogniser = fitted(Recipe(rf(TouchFeatures(), trees=1), window=window), corpus)
+    recogniser = fit_recogniser(Recipe(rf(TouchFeatures(), trees=1), window=window), corpus)
     single, double = (Library(recogniser, precision=p) for p in (np.float32, np.float64))
     expected = TouchFeatures().extract(corpus).to_numpy()
     spread = expected.std(axis=0)
@@ -174,7 +174,7 @@ def test_features_of_touch_are_those_of_python(rows, cols, rate_hz, window):
         got, exact = (library(corpus[i]).features[: len(size)] for library in (single, double))
         apart = np.abs(got - expected[i]) / size
         assert np.quantile(apart, 0.98) < 1e-3 and np.median(apart) < 1e-5
-        # Python has frames and gradients in single precision, too, which skewness and kurtosis show most
+        # Python has frames and gradients in single precision, too; most so for skewness, kurtosis
         for apart, most in (
             (np.abs(exact - expected[i]) / size, 1e-3),
             (np.abs(got - exact) / size, 1e-2),
@@ -190,16 +190,16 @@ def test_features_of_touch_are_those_of_python(rows, cols, rate_hz, window):
 def test_features_of_jung_are_those_of_python():
     fractions = np.full((3, 5, 7), 5.0, np.float32)
     fractions[:, 0, :3] = [2.25, 2.5, 2.75]  # readings count as what they are, not as whole numbers
-    library = Library(made("rf"))
-    for frames in (*touched(), fractions):
-        one = Corpus.from_captures([frames], touched().captures[:1], touched().rate_hz)
+    library = Library(fit_system("rf"))
+    for frames in (*touch_corpus(), fractions):
+        one = Corpus.from_captures([frames], touch_corpus().captures[:1], touch_corpus().rate_hz)
         expected = Jung28().extract(one).to_numpy()[0]
         np.testing.assert_allclose(
             library(frames).features[: len(expected)], expected, rtol=2e-5, atol=1e-4
         )
 
 
-def lines_of(corpus, captures):
+def frames_as_text(corpus, captures):
     """Frames as text, a blank line behind each capture."""
     text = [
         "\n".join(" ".join(map(str, f)) for f in corpus[i].reshape(corpus.lengths[i], -1))
@@ -209,16 +209,16 @@ def lines_of(corpus, captures):
 
 
 def test_c_finds_the_captures_unlike_training_that_python_finds(tmp_path):
-    corpus, recogniser = touched(), made("rf")
+    corpus, recogniser = touch_corpus(), fit_system("rf")
     odd = np.arange(len(corpus)) % 3 == 0
-    written(recogniser, tmp_path)
-    printed(["make", "-C", str(tmp_path), "CC=gcc"])
+    write_files(recogniser, tmp_path)
+    program_output(["make", "-C", str(tmp_path), "CC=gcc"])
     for inverted in (0 * odd, odd, 0 * odd + 1):
         frames = np.where(
             np.repeat(inverted, corpus.lengths)[:, None, None], 1023 - corpus.frames, corpus.frames
         )
         captures = corpus.with_fields(frames=frames)
-        text = lines_of(captures, range(len(captures)))
+        text = frames_as_text(captures, range(len(captures)))
         done = subprocess.run(
             [tmp_path / "touch"], input=text, capture_output=True, text=True, check=True
         )
@@ -231,7 +231,7 @@ def test_c_finds_the_captures_unlike_training_that_python_finds(tmp_path):
         assert done.stderr == told and strange == inverted.sum()
 
 
-def printed(call, text="", **options):
+def program_output(call, text="", **options):
     """What a program prints, which must not fail."""
     return subprocess.run(
         call, input=text, capture_output=True, text=True, check=True, **options
@@ -241,7 +241,7 @@ def printed(call, text="", **options):
 def test_the_program_prints_what_bench_live_prints(tmp_path, monkeypatch, capsys):
     import mlflow
 
-    corpus, recogniser = touched(), made("lda", stopping=True)
+    corpus, recogniser = touch_corpus(), fit_system("lda", stopping=True)
     with silence_mlflow():
         mlflow.pyfunc.save_model(
             str(tmp_path / "rec"), **recogniser.mlflow_arguments([], corpus[0][:2])
@@ -249,14 +249,14 @@ def test_the_program_prints_what_bench_live_prints(tmp_path, monkeypatch, capsys
     assert (
         main(["export", "rec", "out=c"]) == 0 and "TOUCH_THRESHOLD" not in capsys.readouterr().out
     )
-    assert in_c("lda", 32)(corpus[0]).settled > 0
-    printed(["make", "-C", "c", "CC=gcc"])
-    text = lines_of(
+    assert compile_system("lda", 32)(corpus[0]).settled > 0
+    program_output(["make", "-C", "c", "CC=gcc"])
+    text = frames_as_text(
         corpus, [i for i in range(len(corpus)) if corpus.lengths[i] < corpus.lengths.max()][:5]
     )
     monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=io.BytesIO(text.encode())))
     assert main(["live", "rec"]) == 0
-    outputs = printed(["c/touch"], text), capsys.readouterr().out
+    outputs = program_output(["c/touch"], text), capsys.readouterr().out
     mine, theirs = ([line.split(",") for line in out.splitlines()] for out in outputs)
     assert [row[:3] + row[4:] for row in mine] == [row[:3] + row[4:] for row in theirs]
     np.testing.assert_allclose(
@@ -268,21 +268,21 @@ def test_the_program_prints_what_bench_live_prints(tmp_path, monkeypatch, capsys
 
 
 def test_what_never_settles_has_no_threshold_in_c(tmp_path):
-    recogniser = copy(made("lda", stopping=True))
-    header = (written(recogniser, tmp_path) / "touch.h").read_text()
+    recogniser = copy(fit_system("lda", stopping=True))
+    header = (write_files(recogniser, tmp_path) / "touch.h").read_text()
     assert "#define TOUCH_STOPPING 1" in header and "define TOUCH_THRESHOLD" in header
     recogniser.stopping = replace(recogniser.stopping, threshold=float("inf"))
-    header = (written(recogniser, tmp_path) / "touch.h").read_text()
+    header = (write_files(recogniser, tmp_path) / "touch.h").read_text()
     assert "#define TOUCH_STOPPING 0" in header and "define TOUCH_THRESHOLD" not in header
 
 
 @pytest.mark.live
-@pytest.mark.skipif(bool(lacking(*ARM)), reason=lacking(*ARM))
+@pytest.mark.skipif(bool(describe_missing(*ARM)), reason=describe_missing(*ARM))
 def test_a_cortex_m4_prints_what_this_machine_prints(tmp_path):
-    folder = written(made("reflex"), tmp_path, 8)
-    printed(["make", "-C", folder, "touch", "chip", "CC=gcc"])
-    text = lines_of(touched(), range(0, 12, 3))
-    here = printed([folder / "touch"], text)
+    folder = write_files(fit_system("reflex"), tmp_path, 8)
+    program_output(["make", "-C", folder, "touch", "chip", "CC=gcc"])
+    text = frames_as_text(touch_corpus(), range(0, 12, 3))
+    here = program_output([folder / "touch"], text)
     chip = [
         "qemu-system-arm",
         "-machine",
@@ -301,18 +301,19 @@ def test_a_cortex_m4_prints_what_this_machine_prints(tmp_path):
         "-kernel",
         folder / "touch.elf",
     ]
-    assert printed(chip, text, timeout=120) == here and len(here.splitlines()) > 10
+    assert program_output(chip, text, timeout=120) == here and len(here.splitlines()) > 10
 
 
 @pytest.mark.live
-@pytest.mark.skipif(bool(lacking(*ARM)), reason=lacking(*ARM))
+@pytest.mark.skipif(bool(describe_missing(*ARM)), reason=describe_missing(*ARM))
 def test_what_is_too_large_is_not_linked(tmp_path):
-    corpus, rng = touched(), np.random.default_rng(0)
+    corpus, rng = touch_corpus(), np.random.default_rng(0)
     noise = corpus.with_fields(
         captures=corpus.captures.assign(gesture=rng.choice(list("abc"), len(corpus)))
     )
-    folder = written(
-        fitted(et(Jung28(), trees=3000), noise[np.repeat(np.arange(len(noise)), 3)]), tmp_path
+    folder = write_files(
+        fit_recogniser(et(Jung28(), trees=3000), noise[np.repeat(np.arange(len(noise)), 3)]),
+        tmp_path,
     )
 
     def linked(*sizes):
@@ -338,9 +339,9 @@ def test_what_is_too_large_is_not_linked(tmp_path):
 
 
 @pytest.mark.nightly
-@pytest.mark.skipif(bool(lacking("make", "awk")), reason=lacking("make", "awk"))
+@pytest.mark.skipif(bool(describe_missing("make", "awk")), reason=describe_missing("make", "awk"))
 def test_make_check_is_strict_and_quiet(tmp_path):
-    folder = written(made("bayes", stopping=True), tmp_path)
+    folder = write_files(fit_system("bayes", stopping=True), tmp_path)
     call = ["make", "-C", str(folder), "check", "CC=gcc"]
     done = subprocess.run(call, capture_output=True, text=True, check=True)
     assert "2," in done.stdout and done.stderr == ""
@@ -352,7 +353,7 @@ def test_make_check_is_strict_and_quiet(tmp_path):
 
 
 def test_headers_take_no_plain_names(tmp_path):
-    folder = written(made("bayes", stopping=True), tmp_path)
+    folder = write_files(fit_system("bayes", stopping=True), tmp_path)
     headers = "".join(path.read_text() for path in folder.glob("*.h"))
     names = re.findall(r"^(?:typedef .*|} )\b(\w+);$", headers, flags=re.MULTILINE)
     assert names and all(name.startswith("touch_") for name in names)

@@ -1,4 +1,4 @@
-"""What ``bench export``, ``form=c`` and their keys print, and the C of a system, as golden files (``--golden``)."""
+"""Output of ``bench export`` and ``form=c``, and the C of a system, as golden files."""
 
 import re
 from pathlib import Path
@@ -7,16 +7,16 @@ import pandas as pd
 import pytest
 
 import bench
-from addons.chip.tests.compiled import lacking
+from addons.chip.tests.compiled import describe_missing
 from bench.cli import main
 from tests.net import masks, numbers
 from tests.net.build import RUNS, SYNTH, THREE, build, step
 from tests.net.commands import LDA, ON, TREE
 
-TOOLS = lacking("arm-none-eabi-gcc", "qemu-system-arm")
+TOOLS = describe_missing("arm-none-eabi-gcc", "qemu-system-arm")
 LINKED = re.compile(
-    rf"{masks.MASKED.pattern}|flash( kB)?|(library |program )?RAM kB|ram|stack B|instructions a frame|in a touch"
-    "|at most|cycles"
+    rf"{masks.MASKED.pattern}|flash( kB)?|(library |program )?RAM kB|ram|stack B"
+    "|instructions a frame|in a touch|at most|cycles"
 )
 IN_C = ["run", *SYNTH, "form=c"]
 WRONG = [
@@ -41,8 +41,8 @@ WRONG = [
 ]
 
 
-def chip_of(text, folders):
-    """What commands print, without sizes and instructions of linked C, which depend on the compiler."""
+def mask_sizes(text, folders):
+    """Mask sizes and instructions of linked C, which depend on the compiler."""
     return re.sub(
         r"\d[\d.,]*(?= k?B\b| k?cycles| (k )?instructions)",
         "#",
@@ -75,7 +75,7 @@ def test_systems_as_c_print_what_they_printed(golden, tmp_path, empty_store):
     in_c = ["run", *THREE, "model=bayes", "features=jung28", "form=c", "bits=32,8"]
     commands = {"corpora": RUNS["corpora"], "run": [run], "chip": [in_c, choose]}
     build(tmp_path / "net", commands, empty_store)
-    golden("chip.txt", Path(tmp_path, "net/printed/chip.txt").read_text(), chip_of)
+    golden("chip.txt", Path(tmp_path, "net/printed/chip.txt").read_text(), mask_sizes)
 
 
 def test_the_c_of_a_system_has_the_numbers_that_it_had(request):

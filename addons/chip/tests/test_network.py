@@ -1,4 +1,4 @@
-"""Exported C of hughes2017_cnn: after every frame it says what a plain computation of its windows says."""
+"""Exported C of hughes2017_cnn agrees after every frame with a plain computation."""
 
 from copy import deepcopy
 from functools import cache
@@ -10,14 +10,14 @@ import pytest
 import torch
 from torch.nn import functional
 
-from addons.chip.tests.compiled import Library, fitted, lacking
+from addons.chip.tests.compiled import Library, describe_missing, fit_recogniser
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 from bench.models.nets.cnn85 import CNN85
 from bench.models.nets.hughes2017 import Hughes2017CNN, round_network
 from touchbench_chip.tables import collect_contents
 
-pytestmark = pytest.mark.skipif(bool(lacking("gcc")), reason=lacking("gcc"))
+pytestmark = pytest.mark.skipif(bool(describe_missing("gcc")), reason=describe_missing("gcc"))
 LENGTHS = (1, 5, 9, 10, 11, 26, 27, 28, 36, 44, 45, 46, 60, 75, 101)
 GRIDS = {  # kernels and pools of both layers; cut to one row, three; windows of 45 frames
     "wide": (5, 7, 40.0),
@@ -28,7 +28,7 @@ GRIDS = {  # kernels and pools of both layers; cut to one row, three; windows of
 
 
 @cache
-def noise(name):
+def noise_captures(name):
     """Captures of noise that swells and fades, slowly or fast."""
     rows, cols, rate_hz = GRIDS[name]
     rng = np.random.default_rng(rows)
@@ -45,10 +45,10 @@ def noise(name):
 
 
 @cache
-def made(name):
-    """A system that has learnt a little of noise, its last layer such that classes are about equal and far apart."""
-    corpus = noise(name)
-    recogniser = fitted(Hughes2017CNN(epochs=3, batch=8, rate=1e-3), corpus)
+def fit_to_noise(name):
+    """Fit to noise, then change the last layer so that classes are about equal and far apart."""
+    corpus = noise_captures(name)
+    recogniser = fit_recogniser(Hughes2017CNN(epochs=3, batch=8, rate=1e-3), corpus)
     scores = np.log(recogniser.estimator.decide(corpus)[1])
     last = recogniser.estimator.net_[-1]
     with torch.no_grad():
@@ -58,8 +58,8 @@ def made(name):
     return corpus, recogniser
 
 
-def by_hand(net, frames, full_scale, window, hop):
-    """Probabilities of a capture: windows, 0s where it has ended; PyTorch's convolutions, pools and linear layers."""
+def predict_by_hand(net, frames, full_scale, window, hop):
+    """Probabilities of a capture by PyTorch: windows, with 0s after its end."""
     starts = [s for s in range(0, len(frames), hop) if s == 0 or s - hop + window < len(frames)]
     parts = [frames[start : start + window].astype(np.float64) / full_scale for start in starts]
     x = torch.zeros(len(parts), 1, window, *frames.shape[1:], dtype=torch.float64)
@@ -73,36 +73,37 @@ def by_hand(net, frames, full_scale, window, hop):
     return proba.mean(0).detach().numpy()
 
 
-def last(library, captures):
+def last_probabilities(library, captures):
     """Probabilities after each capture, asked for at its end only."""
     return np.array([library(frames).proba[-1] for frames in captures])
 
 
 @pytest.mark.parametrize("name", GRIDS)
 def test_after_every_frame_it_is_what_pytorch_says(name):
-    corpus, recogniser = made(name)
+    corpus, recogniser = fit_to_noise(name)
     window, hop = recogniser.estimator.design_[1:3]
     library = Library(recogniser)
     frames = corpus[len(corpus) - 1]
     answer = library(frames, every=True)
     expected = [
-        by_hand(recogniser.estimator.net_, frames[: n + 1], 1023, window, hop) for n in range(101)
+        predict_by_hand(recogniser.estimator.net_, frames[: n + 1], 1023, window, hop)
+        for n in range(101)
     ]
     assert np.ptp(expected, axis=0).max() > 0.05  # there is something to be classified
     np.testing.assert_allclose(answer.proba, expected, atol=2e-5)
     assert np.flatnonzero(answer.ready).tolist() == list(range(window - 1, 101, hop))
     for frames, proba in zip(
-        corpus, last(library, corpus), strict=True
+        corpus, last_probabilities(library, corpus), strict=True
     ):  # that a label was taken changes nothing
         np.testing.assert_array_equal(library(frames, every=True).proba[-1], proba)
 
 
 def test_in_8_bits_it_has_the_probabilities_and_labels_of_python():
-    corpus, recogniser = made("cost")
+    corpus, recogniser = fit_to_noise("cost")
     in_python = deepcopy(recogniser)
     round_network(in_python.estimator.net_, 8)
     table = in_python.label_captures(corpus)
-    proba = last(Library(recogniser, 8), corpus)
+    proba = last_probabilities(Library(recogniser, 8), corpus)
     np.testing.assert_allclose(proba, table.filter(like="p_"), atol=2e-5)
     assert [recogniser.classes[label] for label in proba.argmax(axis=1)] == table["label"].tolist()
 

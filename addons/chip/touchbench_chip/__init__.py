@@ -1,1 +1,1 @@
-"""A fitted system as C99: its numbers (`tables`), and the files that hold them (`write`)."""
+"""Fitted systems as C99: contents (`tables`), files (`write`) and costs (`measure`)."""

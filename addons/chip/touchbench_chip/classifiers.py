@@ -1,4 +1,4 @@
-"""Each classifier as C: tables, and the lines that use them."""
+"""Classifiers as C: tables, and the code that uses them."""
 
 from __future__ import annotations
 
@@ -33,10 +33,11 @@ class Decider:
     """A classifier on features as C: tables by name, and the body of the function that uses them.
 
     Attributes:
-        arrays: tables by name, floats, or whole numbers of 8 bits.
-        body: body of the function, with ``{name}`` for a table, a constant, or ``CLASSES``, which are its own.
+        arrays: tables by name; floats, or 8-bit integers.
+        body: body of the function, with ``{name}`` for each of its tables and constants, and
+            ``{CLASSES}``.
         comment: description of the classifier.
-        buffers: numbers in memory that the body works in, by name.
+        buffers: lengths of the buffers of the body, by name.
         defines: constants by name.
         classes: number of classes, as C.
     """
@@ -49,31 +50,31 @@ class Decider:
     classes: str = "CLASSES"
 
     def render_body(self, function: str) -> str:
-        """The body of the function of a name."""
+        """The body, for a function of a name."""
         names = {name: f"{function}_{name}" for name in self.arrays}
         names |= {name: f"{function.upper()}_{name}" for name in self.defines}
         return self.body.format(CLASSES=self.classes, **names)
 
 
 def format_float(value: float) -> str:
-    """A C constant of a value in single precision."""
+    """A value in single precision as a C constant."""
     text = np.format_float_positional(SINGLE(value), unique=True, trim="0")
     if len(text) > 24:
         text = np.format_float_scientific(SINGLE(value), unique=True, trim="0")
     return f"{text}f"
 
 
-Affine = tuple[np.ndarray, np.ndarray, np.ndarray]
-Leaf = Callable[[int], int]
+Affine = tuple[np.ndarray, np.ndarray, np.ndarray]  # a, b and c of (x - a) b + c
+Leaf = Callable[[int], int]  # from a node to the number of its leaf
 
 
 def _invert_nonzero(values: np.ndarray) -> np.ndarray:
-    """One by each; nothing for what never varied."""
+    """Reciprocals; 0 for values that are 0 or not finite."""
     return np.where(np.isfinite(values) & (values != 0), 1 / np.where(values == 0, 1, values), 0)
 
 
 def _find_varying(mean: np.ndarray, sd: np.ndarray) -> np.ndarray:
-    """Which features vary by more than the rounding of single precision, which is another in C."""
+    """Whether each feature varies by more than rounding, which differs in C."""
     return np.isfinite(sd) & (sd > ROUNDING * np.maximum(np.abs(mean), 1))
 
 
@@ -82,47 +83,38 @@ def _combine_scalers(steps: list, width: int) -> Affine:
     scaling = np.zeros(width), np.ones(width), np.zeros(width)
     for step in steps:
         if hasattr(step, "shift_"):  # features of a person: touchbench_people.scaler
-            scaling = _chain_scalings(
-                scaling, step.mean_ + step.shift_, 1 / step.scale_, step.mean_
-            )
+            next_scaling = step.mean_ + step.shift_, 1 / step.scale_, step.mean_
         elif isinstance(step, RangeScaler):
-            scaling = _chain_scalings(
-                scaling, step.data_min_, step.scale_, np.full(width, float(step.feature_range[0]))
-            )
+            lowest = np.full(width, float(step.feature_range[0]))
+            next_scaling = step.data_min_, step.scale_, lowest
         elif isinstance(step, ZScaler):
-            scaling = _chain_scalings(
-                scaling, step.mean_, _invert_nonzero(step.scale_), np.zeros(width)
-            )
+            next_scaling = step.mean_, _invert_nonzero(step.scale_), np.zeros(width)
         elif isinstance(step, Pipeline):
-            scaling = _chain_scalings(
-                scaling, *_combine_scalers([part for _, part in step.steps], width)
-            )
+            next_scaling = _combine_scalers([part for _, part in step.steps], width)
         else:
             raise InputError(
                 f"{type(step).__name__} between features and classifier has no C; leave it out"
             )
+        scaling = _chain_scalings(scaling, *next_scaling)
     return scaling
 
 
-def _chain_scalings(before: Affine, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> Affine:
+def _chain_scalings(first: Affine, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> Affine:
     """One scaling after another: ((x - A) B + C - a) b + c."""
-    A, B, C = before
+    A, B, C = first
     safe = np.where(B == 0, 1, B)
     return np.where(B == 0, A, A - (C - a) / safe), B * b, np.where(B == 0, (C - a) * b + c, c)
 
 
 def _write_scaling(scaling: Affine) -> tuple[dict[str, np.ndarray], str]:
-    """Tables of a scaling, and the line that does it; nothing for one that changes nothing."""
+    """Tables of a scaling, and its line of C; both empty if it changes nothing."""
     a, b, c = scaling
     if not a.any() and not c.any() and (b == 1).all():
         return {}, ""
-    arrays = {"a": a.astype(SINGLE), "b": b.astype(SINGLE)} | (
-        {"c": c.astype(SINGLE)} if c.any() else {}
-    )
-    return (
-        arrays,
-        f"    measured(t->features, {{a}}, {{b}}, {'{c}' if c.any() else '0'}, t->features);\n",
-    )
+    arrays, added = {"a": a.astype(SINGLE), "b": b.astype(SINGLE)}, "0"
+    if c.any():
+        arrays["c"], added = c.astype(SINGLE), "{c}"
+    return arrays, f"    measured(t->features, {{a}}, {{b}}, {added}, t->features);\n"
 
 
 def _convert_scores(scaling: Affine, weights: np.ndarray, bias: np.ndarray, bits: int) -> Decider:
@@ -141,15 +133,11 @@ def _convert_linear(scaling: Affine, weights: np.ndarray, bias: np.ndarray, bits
 def _standardise_discriminants(
     scaling: Affine, classifier: Discriminants
 ) -> tuple[Affine, np.ndarray, np.ndarray]:
-    """Scaling to mean 0 and SD 1, and weights and bias behind it."""
+    """A scaling to mean 0 and SD 1, and the weights and bias after it."""
     learnt = classifier.learnt_
     varies = _find_varying(learnt.mean, learnt.sd)
-    standard = _chain_scalings(
-        scaling,
-        learnt.mean,
-        np.where(varies, _invert_nonzero(learnt.sd), 0),
-        np.zeros(len(learnt.mean)),
-    )
+    factor = np.where(varies, _invert_nonzero(learnt.sd), 0)
+    standard = _chain_scalings(scaling, learnt.mean, factor, np.zeros(len(learnt.mean)))
     weights = classifier.coef_ * np.where(varies, learnt.sd, 0)
     return standard, weights, classifier.intercept_ + classifier.coef_ @ learnt.mean
 
@@ -166,12 +154,14 @@ def _convert_logistic(scaling: Affine, classifier: LogisticRegression, bits: int
 
 
 def _convert_guarded(_: Affine, classifier: GuardedDiscriminants, bits: int) -> Decider:
-    """Both classifiers measure from the same mean, that of undamaged rows; the network has its own besides."""
+    """The linear part uses the mean of undamaged rows; the network has its own."""
     linear, network = classifier.linear_, classifier.robust_
     width = classifier.n_features_in_
     mean, sd = classifier.mean_.astype(float), classifier.sd_.astype(float)
     varies = _find_varying(mean, sd)
     weights, step = quantise_rows(linear.coef_ * np.where(varies, sd, 0), bits)
+    net_varies = _find_varying(network.mean_, network.scale_)
+    net_scale = np.where(net_varies, _invert_nonzero(network.scale_), 0)
     hidden, hidden_step = quantise_rows(network.coefs_[0].T.astype(float), bits)
     last, last_step = quantise_rows(network.coefs_[1].T.astype(float), bits)
     arrays = {
@@ -181,9 +171,7 @@ def _convert_guarded(_: Affine, classifier: GuardedDiscriminants, bits: int) -> 
         "step": step,
         "bias": (linear.intercept_ + linear.coef_ @ mean).astype(SINGLE),
         "net_a": network.mean_,
-        "net_b": np.where(
-            _find_varying(network.mean_, network.scale_), _invert_nonzero(network.scale_), 0
-        ).astype(SINGLE),
+        "net_b": net_scale.astype(SINGLE),
         "hidden": hidden,
         "hidden_step": hidden_step,
         "hidden_bias": network.intercepts_[0],
@@ -195,7 +183,8 @@ def _convert_guarded(_: Affine, classifier: GuardedDiscriminants, bits: int) -> 
     measured(t->features, {{a}}, {{b}}, 0, z);
     for (int i = 0; i < FEATURES; i++)
         unusual += !(fabsf(z[i]) <= {format_float(UNUSUAL_SDS)});
-    float doubt = fminf(unusual / FEATURES / {format_float(classifier.doubt)}, 1); /* how much the network counts */
+    float doubt = fminf(unusual / FEATURES / {format_float(classifier.doubt)}, 1); \
+/* how much the network counts */
     layer({{weights}}, {{step}}, {{bias}}, {{CLASSES}}, FEATURES, z, proba);
     softmax(proba, {{CLASSES}});
     if (doubt > 0) {{{{
@@ -219,7 +208,7 @@ def _convert_guarded(_: Affine, classifier: GuardedDiscriminants, bits: int) -> 
 
 
 def _convert_bayes(scaling: Affine, classifier: GaussianBayes, bits: int) -> Decider:
-    """Whitening by forward substitution: rows of the triangle divided by their diagonal."""
+    """Whiten by forward substitution: rows of the triangle are divided by their diagonal."""
     rows, inverse, bias = [], [], []
     for prior, factor in zip(classifier.priors_, classifier.factors_, strict=True):
         row, diagonal = split_triangle(factor)
@@ -243,29 +232,25 @@ def _convert_bayes(scaling: Affine, classifier: GaussianBayes, bits: int) -> Dec
             float sum = 0;
             for (int j = 0; j < i; j++)
                 sum += (float)row[j] * white[j];
-            white[i] = (t->features[i] - {means}[c * FEATURES + i]) * {inverse}[c * FEATURES + i] - sum * {step}[c];
+            white[i] = (t->features[i] - {means}[c * FEATURES + i]) \
+* {inverse}[c * FEATURES + i] - sum * {step}[c];
             square += white[i] * white[i];
         }}
         proba[c] = {bias}[c] - 0.5f * square;
     }}
     softmax(proba, {CLASSES});
 """
-    return Decider(
-        arrays, body, "a normal distribution for each class", {"measured": len(scaling[0])}
-    )
+    buffers = {"measured": len(scaling[0])}
+    return Decider(arrays, body, "a normal distribution for each class", buffers)
 
 
 def _convert_svm(scaling: Affine, classifier: RankedSVC, bits: int) -> Decider:
     support = np.asarray(classifier.support_vectors_)
     width = support.shape[1]
-    if (
-        classifier.kernel == "rbf"
-    ):  # distances stay the same, and a step for each feature is as small as can be
+    if classifier.kernel == "rbf":  # distances stay the same, and quantisation steps get smallest
         middle = (support.min(axis=0) + support.max(axis=0)) / 2
-        support, scaling = (
-            support - middle,
-            _chain_scalings(scaling, middle, np.ones(width), np.zeros(width)),
-        )
+        support = support - middle
+        scaling = _chain_scalings(scaling, middle, np.ones(width), np.zeros(width))
     # 8 bits would change one label in six on HAART: the kernels of the published grid are narrow
     vectors, step = quantise_rows(support.T, 16 if bits == 8 else bits)
     first = np.concatenate([[0], np.cumsum(classifier.n_support_)])
@@ -277,8 +262,8 @@ def _convert_svm(scaling: Affine, classifier: RankedSVC, bits: int) -> Decider:
         "intercept": np.asarray(classifier._intercept_, SINGLE),
         "first": first.astype(np.int32),
     }
-    body += "    machine({CLASSES}, {LINEAR}, {GAMMA}, t->features, {vectors}, {step}, {dual}, {intercept}, {first}, "
-    body += "t->measured, proba);\n"
+    body += "    machine({CLASSES}, {LINEAR}, {GAMMA}, t->features, {vectors}, {step}, {dual}, "
+    body += "{intercept}, {first}, t->measured, proba);\n"
     body += "    softmax(proba, {CLASSES});\n"
     buffers = {"measured": int(first[-1])}
     defines = {
@@ -290,7 +275,14 @@ def _convert_svm(scaling: Affine, classifier: RankedSVC, bits: int) -> Decider:
 
 @dataclass
 class Nodes:
-    """Trees in depth-first order: feature (-1 of a leaf), threshold, and how far the right child is (or which leaf)."""
+    """Trees in depth-first order.
+
+    Attributes:
+        feature: feature of each node; -1 for a leaf.
+        threshold: threshold of each node.
+        right: distance to the right child; the number of a leaf.
+        roots: first node of each tree.
+    """
 
     feature: list[int] = field(default_factory=list)
     threshold: list[float] = field(default_factory=list)
@@ -304,66 +296,61 @@ class Nodes:
         threshold: np.ndarray,
         leaf: Leaf,
     ) -> None:
-        """Add one tree; ``sides`` are the left and right child of each node, ``leaf(node)`` is the number of a leaf."""
+        """Add a tree; ``sides`` are the left and right children, ``leaf`` numbers the leaves."""
         left, right = sides
         self.roots.append(len(self.feature))
-        waiting: list[tuple[int, int]] = [(0, -1)]
-        while waiting:
-            node, parent = waiting.pop()
+        stack: list[tuple[int, int]] = [(0, -1)]  # node, and its parent if it is a right child
+        while stack:
+            node, parent = stack.pop()
             position = len(self.feature)
             if parent >= 0:
                 self.right[parent] = position - parent
-            split = left[node] >= 0
-            self.feature.append(int(feature[node]) if split else -1)
-            self.threshold.append(float(threshold[node]) if split else 0.0)
-            self.right.append(0 if split else leaf(node))
-            if split:
-                waiting += [(int(right[node]), position), (int(left[node]), -1)]
+            if left[node] >= 0:
+                self.feature.append(int(feature[node]))
+                self.threshold.append(float(threshold[node]))
+                self.right.append(0)
+                stack += [(int(right[node]), position), (int(left[node]), -1)]
+            else:
+                self.feature.append(-1)
+                self.threshold.append(0.0)
+                self.right.append(leaf(node))
 
     def to_arrays(self) -> dict[str, np.ndarray]:
         """Tables of all trees."""
         if max(self.right) >= 2**16 or max(self.feature) >= 2**15:
             raise InputError("a tree or its leaves are too many for 16 bits; fit smaller trees")
-        kind = [("feature", np.int16), ("right", np.uint16), ("threshold", SINGLE)]
-        nodes = np.zeros(len(self.feature), dtype=kind)
-        nodes["feature"], nodes["right"], nodes["threshold"] = (
-            self.feature,
-            self.right,
-            self.threshold,
-        )
+        fields = [("feature", np.int16), ("right", np.uint16), ("threshold", SINGLE)]
+        nodes = np.zeros(len(self.feature), dtype=fields)
+        for name, _ in fields:
+            nodes[name] = getattr(self, name)
         return {"nodes": nodes, "roots": np.array(self.roots, np.int32)}
 
 
 def _strict_thresholds(threshold: np.ndarray) -> np.ndarray:
-    """Least single that is above a threshold: x <= t is x < that, for every single x."""
+    """The least singles above thresholds, so that x <= t becomes x < single for single x."""
     single = threshold.astype(SINGLE)
     low = np.where(single > threshold, np.nextafter(single, SINGLE(-np.inf)), single)
     return np.nextafter(low, SINGLE(np.inf))
 
 
 def _convert_forest(scaling: Affine, classifier: Any, bits: int) -> Decider:
-    """Class shares of leaves, each once, which many leaves of a forest have in common."""
+    """Store class shares of leaves; equal ones, of which a forest has many, only once."""
     trees = getattr(classifier, "estimators_", [classifier])
     numbers: dict[bytes, int] = {}  # of leaves, by their shares
     nodes = Nodes()
     for member in trees:
         tree = member.tree_
-        values = tree.value[:, 0, :] / tree.value[:, 0, :].sum(axis=1, keepdims=True)
-        shares = np.rint(values * 127).astype(np.int8) if bits == 8 else values.astype(SINGLE)
+        shares = tree.value[:, 0, :] / tree.value[:, 0, :].sum(axis=1, keepdims=True)
+        shares = np.rint(shares * 127).astype(np.int8) if bits == 8 else shares.astype(SINGLE)
 
         def number_leaf(node: int, shares: np.ndarray = shares) -> int:
             return numbers.setdefault(shares[node].tobytes(), len(numbers))
 
-        nodes.add(
-            (tree.children_left, tree.children_right),
-            tree.feature,
-            _strict_thresholds(tree.threshold),
-            number_leaf,
-        )
+        sides = tree.children_left, tree.children_right
+        nodes.add(sides, tree.feature, _strict_thresholds(tree.threshold), number_leaf)
     arrays, body = _write_scaling(scaling)
-    arrays |= nodes.to_arrays() | {
-        "shares": np.frombuffer(b"".join(numbers), np.int8 if bits == 8 else SINGLE)
-    }
+    arrays |= nodes.to_arrays()
+    arrays["shares"] = np.frombuffer(b"".join(numbers), np.int8 if bits == 8 else SINGLE)
     body += """    float sum = 0;
     for (int c = 0; c < {CLASSES}; c++)
         proba[c] = 0;
@@ -377,13 +364,12 @@ def _convert_forest(scaling: Affine, classifier: Any, bits: int) -> Decider:
     for (int c = 0; c < {CLASSES}; c++)
         proba[c] /= sum;
 """
-    return Decider(
-        arrays, body, "class shares of the leaves of trees", defines={"TREES": str(len(trees))}
-    )
+    defines = {"TREES": str(len(trees))}
+    return Decider(arrays, body, "class shares of the leaves of trees", defines=defines)
 
 
 def _convert_boosted(scaling: Affine, classifier: BoostedTrees, bits: int) -> Decider:
-    """Leaves hold a share of the score of one class."""
+    """Store in each leaf its share of the score of one class."""
     booster = classifier.booster_.get_booster()
     model = json.loads(bytes(booster.save_raw("json")))["learner"]["gradient_booster"]["model"]
     nodes = Nodes()
@@ -408,23 +394,23 @@ def _convert_boosted(scaling: Affine, classifier: BoostedTrees, bits: int) -> De
     leaves, step = quantise_rows(np.array(scores, float)[None], bits)
     arrays, body = _write_scaling(scaling)
     arrays |= nodes.to_arrays() | {"scores": leaves[0], "step": step, "group": group}
-    # The score that no tree gives: of a row of zeros, what the booster predicts without what the trees add.
-    margin = (
-        classifier.booster_.predict(np.zeros((1, width)), output_margin=True).astype(float).ravel()
-    )
+    # The base score: the booster's prediction for a row of zeros, less the scores of the trees.
+    zeros = np.zeros((1, width))
+    margin = classifier.booster_.predict(zeros, output_margin=True).astype(float).ravel()
+    if classes == 2:
+        margin = np.array([0.0, margin[0]])
     sums = np.zeros(classes)
     for tree, root in enumerate(nodes.roots):
         at = root
         while nodes.feature[at] >= 0:
             at = at + 1 if nodes.threshold[at] > 0 else at + nodes.right[at]
         sums[group[tree]] += scores[nodes.right[at]]
-    arrays["bias"] = ((np.array([0.0, margin[0]]) if classes == 2 else margin) - sums).astype(
-        SINGLE
-    )
+    arrays["bias"] = (margin - sums).astype(SINGLE)
     body += """    for (int c = 0; c < {CLASSES}; c++)
         proba[c] = {bias}[c];
     for (int tree = 0; tree < {TREES}; tree++)
-        proba[{group}[tree]] += (float){scores}[leaf({nodes}, {roots}[tree], t->features)] * {step}[0];
+        proba[{group}[tree]] += \
+(float){scores}[leaf({nodes}, {roots}[tree], t->features)] * {step}[0];
     softmax(proba, {CLASSES});
 """
     return Decider(arrays, body, "boosted trees", defines={"TREES": str(len(nodes.roots))})
@@ -449,7 +435,13 @@ def has_c(classifier: object) -> bool:
 
 
 def convert_classifier(system: Pipeline, width: int, bits: int) -> Decider:
-    """The classifier of a fitted pipeline on so many features, and the scaling before it, in 32 or 8 bits a weight."""
+    """Convert the classifier of a fitted pipeline and the scaling before it.
+
+    Args:
+        system: features, scalers and classifier.
+        width: number of features.
+        bits: bits per weight, 32 or 8.
+    """
     classifier = system.steps[-1][1]
     scaling = _combine_scalers([step for _, step in system.steps[1:-1]], width)
     for kind, convert in CONVERTERS.items():

@@ -1,4 +1,4 @@
-"""The command ``bench export``: a saved system as C99; and the key ``clock=`` of ``bench choose``."""
+"""The command ``bench export`` (a saved system as C99), and ``clock=`` of ``bench choose``."""
 
 from __future__ import annotations
 
@@ -29,12 +29,13 @@ CLOCK = Option(
 EXPORT = Command(
     START,
     "write a saved model as C99 for a microcontroller",
-    "Writes touch.h, touch.c, tables.h and a Makefile. The C needs no heap and no library except math.h. make and "
-    "make check build for this machine, make chip for a Cortex-M4F (FLASH=256K RAM=32K). make flash and make count "
-    "print bytes, instructions and stack. C exists for reflex and hughes2017_cnn. It also exists for lda, softmax, "
-    "bayes, svm, tree, rf, et and xgb with jung28, or with touch and model.window=. "
-    f"{TRUST_NOTE}",
-    "bench fit data=haart model=reflex out=rec\nbench export rec out=rec_c bits=8\nmake -C rec_c check",
+    "Writes touch.h, touch.c, tables.h and a Makefile. The C needs no heap and no library except "
+    "math.h. make and make check build for this machine, make chip for a Cortex-M4F (FLASH=256K "
+    "RAM=32K). make flash and make count print bytes, instructions and stack. C exists for reflex "
+    "and hughes2017_cnn. It also exists for lda, softmax, bayes, svm, tree, rf, et and xgb with "
+    f"jung28, or with touch and model.window=. {TRUST_NOTE}",
+    "bench fit data=haart model=reflex out=rec\nbench export rec out=rec_c bits=8\n"
+    "make -C rec_c check",
     "MODEL out=FOLDER [key=value ...]",
     module="touchbench_chip.command",
     follows={"fit": "bench export {} out=in_c"},
@@ -64,7 +65,7 @@ def why_no_c(recogniser: Recogniser) -> str:
 
 
 def export(arguments: list[str]) -> int:
-    """Write a saved system as C."""
+    """Run ``bench export``: write a saved system as C."""
     from bench.commands.printing import print_next_commands
     from bench.ground.scratch import check_empty_folder, fill_then_rename
     from bench.running.saved import load_recogniser
@@ -76,28 +77,31 @@ def export(arguments: list[str]) -> int:
         raise InputError(
             "give a model and out=, the folder for the C files: bench export MODEL out=FOLDER"
         )
-    bits, out = (
-        int(typed_settings("export", values)["bits"]),
-        check_empty_folder(Path(values["out"])),
-    )
+    bits = int(typed_settings("export", values)["bits"])
+    out = check_empty_folder(Path(values["out"]))
 
     model = load_recogniser(words[0])
     grid, kind = "x".join(map(str, model.grid)), "synthetic " if model.synthetic else ""
-    title = f"touchbench: {len(model.classes)} classes of {kind}touch on {grid} taxels at {model.rate_hz:g} Hz"
+    title = (
+        f"touchbench: {len(model.classes)} classes of {kind}touch on {grid} taxels at "
+        f"{model.rate_hz:g} Hz"
+    )
     files = write_c_sources(model, bits, title)
-    with fill_then_rename(out) as beside:
-        beside.mkdir()
+    with fill_then_rename(out) as folder:
+        folder.mkdir()
         for name, text in files.items():
-            (beside / name).write_text(text, encoding="utf-8")
+            (folder / name).write_text(text, encoding="utf-8")
     print(f"{out}: {', '.join(sorted(path.name for path in out.iterdir()))}")
     if model.stopping is not None and not model.stopping.saves:
         print(f"{NO_SAVING}: touch.h has no TOUCH_THRESHOLD, and settled is always 0")
     if model.watcher is not None and "touch_watch(" not in files["touch.h"]:
         print(
-            "touch.h has no touch_watch: only systems on the feature set touch can watch an endless stream in C"
+            "touch.h has no touch_watch: only systems on the feature set touch can watch an "
+            "endless stream in C"
         )
     print(
-        "make chip links for a Cortex-M4F with FLASH=256K RAM=32K; for another chip, append its sizes"
+        "make chip links for a Cortex-M4F with FLASH=256K RAM=32K; for another chip, append its "
+        "sizes"
     )
     print_next_commands(f"make -C {shlex.quote(str(out))} check flash")
     return 0

@@ -1,4 +1,4 @@
-"""The network of Hughes et al. 2017 on windows as tables: two layers of filters, whose outputs are its features."""
+"""The network of Hughes et al. 2017 as tables; the outputs of its filters are the features."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from touchbench_chip.classifiers import EXPORTABLE, SINGLE, Decider
 
 
 def check_network(system: System) -> None:
-    """Refuse other networks and other objects."""
+    """Refuse any other system."""
     if type(system) is not Hughes2017CNN:
         raise InputError(f"{type(system).__name__} has no C; use hughes2017_cnn, {EXPORTABLE}")
 
@@ -25,7 +25,8 @@ def convert_filters(
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Sizes by name, and the weights of both layers of filters.
 
-    Pools take the most of two times, and of two rows and columns where there are two. Biases and steps have 32 bits.
+    Pools take the maximum of two times, and of two rows and columns if there are two. Biases and
+    steps have 32 bits.
     """
     net: Any = system.net_
     first, pool1, _, second, pool2 = net[:5]
@@ -33,7 +34,7 @@ def convert_filters(
     frames, *kernel1 = first.kernel_size
     maps = [(n - k + 1) // p for n, k, p in zip(grid, kernel1, pool1.kernel_size[1:], strict=True)]
     times = (window - frames + 1) // 2  # of pooled maps in a window
-    # what no pool of the second layer reaches is not computed
+    # sums that no pool of the second layer reaches are not computed
     sums = [
         (n - k + 1) // p * p
         for n, k, p in zip((times, *maps), second.kernel_size, pool2.kernel_size, strict=True)
@@ -59,10 +60,11 @@ def convert_filters(
 
 
 def convert_head(system: Hughes2017CNN, bits: int) -> Decider:
-    """The two layers of units after the filters."""
+    """Convert the two layers of units after the filters."""
     net: Any = system.net_
     hidden, last = (part for part in net if isinstance(part, torch.nn.Linear))
-    body = """    layer({hidden}, {hidden_step}, {hidden_bias}, {UNITS}, FEATURES, t->features, t->units);
+    body = """    layer({hidden}, {hidden_step}, {hidden_bias}, {UNITS}, FEATURES, t->features, \
+t->units);
     for (int i = 0; i < {UNITS}; i++)
         t->units[i] = fmaxf(t->units[i], 0);
     layer({last}, {last_step}, {last_bias}, {CLASSES}, {UNITS}, t->units, proba);

@@ -1,4 +1,4 @@
-"""The contents of a fitted system's C: sizes, steps, windows, stopping rule, and its classifiers."""
+"""Contents of a fitted system's C: sizes, steps, windows, stopping rule, classifiers."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from bench.running.saved import Recogniser
 
 BITS8, BITS16, BITS32 = 2**8, 2**16, 2**32
-LONGEST_TOUCH = 2**30  # frames; a window forgets
+LONGEST_TOUCH = 2**30  # frames of a system on windows, whose memory does not grow
 
 
 @dataclass
@@ -33,13 +33,13 @@ class CContents:
 
     Attributes:
         defines: macros of the preprocessor, by name.
-        deciders: classifiers by the name of their function: ``decide``, ``decide_early`` for captures shorter than a
-            window, and those of an endless stream.
+        deciders: classifiers by the name of their function: ``decide``, ``decide_early`` for
+            captures shorter than a window, and those of an endless stream.
         features: fixed code that computes the features: ``touch``, ``jung28`` or ``convolved``.
-        classes: names.
+        classes: names of the classes.
         arrays: learnt numbers of the features, by name.
-        points: operating points of its watcher.
-        watch: needs of its watcher; None without.
+        points: operating points of the watcher.
+        watch: C of the watcher; None without.
     """
 
     defines: dict[str, str]
@@ -52,7 +52,7 @@ class CContents:
 
 
 def check_exportable(estimator: Any) -> bool:
-    """Refuse a system that is not fitted and has no C; True if its C can watch an endless stream."""
+    """Refuse an unfitted system that has no C; return whether its C can watch a stream."""
     if isinstance(estimator, Reflex):
         return True
     system, steps = _unwrap_recipe(estimator, "system")
@@ -68,21 +68,23 @@ def check_exportable(estimator: Any) -> bool:
 
 
 def collect_contents(recogniser: Recogniser, bits: int) -> CContents:
-    """The contents of a saved system's C, with 32 or 8 bits a learnt weight."""
+    """Collect the contents of a saved system's C, with 32 or 8 bits per learnt weight."""
     estimator: Any = recogniser.estimator
-    reflex = isinstance(estimator, Reflex)
-    system, steps = _unwrap_recipe(estimator.whole_ if reflex else estimator)
-    early = _unwrap_recipe(estimator.early_) if reflex else None
+    early_system, early_steps = None, []
+    if isinstance(estimator, Reflex):
+        early_system, early_steps = _unwrap_recipe(estimator.early_)
+        estimator = estimator.whole_
+    system, steps = _unwrap_recipe(estimator)
     arrays: dict[str, np.ndarray] = {}
     if isinstance(system, Pipeline):
         name, windows = _find_feature_code(system, steps)
         width = len(system.steps[0][1].get_feature_names_out())
         longest = LONGEST_TOUCH if name == "touch" else recogniser.longest
-        short = next(step for step in early[1] if isinstance(step, Windows)) if early else None
-        sizes = _window_defines(windows, short, recogniser.rate_hz)
+        early_windows = next((step for step in early_steps if isinstance(step, Windows)), None)
+        sizes = _window_defines(windows, early_windows, recogniser.rate_hz)
         deciders = {"decide": convert_classifier(system, width, bits)}
-        if early:
-            deciders["decide_early"] = convert_classifier(early[0], width, bits)
+        if early_system is not None:
+            deciders["decide_early"] = convert_classifier(early_system, width, bits)
     else:
         from touchbench_chip import network  # PyTorch, which other systems do without
 
@@ -92,39 +94,30 @@ def collect_contents(recogniser: Recogniser, bits: int) -> CContents:
         deciders = {"decide": network.convert_head(system, bits)}
         width = deciders["decide"].arrays["hidden"].shape[1]
     arrays |= {"usual": np.exp(recogniser.usual).astype(np.float32)}  # of a capture as a whole
-    defines = (
-        _size_defines(recogniser, width, longest) | _step_defines(steps, recogniser.rate_hz) | sizes
-    )
+    defines = _size_defines(recogniser, width, longest)
+    defines |= _step_defines(steps, recogniser.rate_hz) | sizes
     defines |= _stopping_defines(recogniser.stopping) | {"WATCH": 0, "STEPPED": 0}
     points: tuple[tuple[float, float, float, float], ...] = ()
     watch = None
     if name == "touch" and (watcher := recogniser.watcher) is not None:
         watch = watcher.in_c(recogniser.classes, recogniser.rate_hz)
         if watch is None:
-            finds = watcher.chosen["detector"]
             raise InputError(
-                f"detector={finds} has no C; use frames or threshold in bench fit detector=, or watch=no"
+                f"detector={watcher.chosen['detector']} has no C; use frames or threshold in "
+                "bench fit detector=, or watch=no"
             )
-        defines |= _watch_defines(
-            watch, recogniser, sizes, 0 if any(map(yields_fractions, steps)) else recogniser.step
-        )
+        step = 0 if any(map(yields_fractions, steps)) else recogniser.step
+        defines |= _watch_defines(watch, recogniser, sizes, step)
         points = watcher.points
         arrays |= watch.arrays | {"levels": np.array([level for level, *_ in points], np.float32)}
         for function, part in watch.deciders.items():
-            deciders[function] = replace(
-                convert_classifier(part, width, bits), classes=str(len(part.classes_))
-            )
-    for function, part in deciders.items():
-        defines |= {f"{function.upper()}_{name}": value for name, value in part.defines.items()}
-    return CContents(
-        {k: str(v) for k, v in defines.items()},
-        deciders,
-        name,
-        recogniser.classes,
-        arrays,
-        points,
-        watch,
-    )
+            decider = convert_classifier(part, width, bits)
+            deciders[function] = replace(decider, classes=str(len(part.classes_)))
+    for function, decider in deciders.items():
+        prefix = function.upper()
+        defines |= {f"{prefix}_{name}": value for name, value in decider.defines.items()}
+    defines = {name: str(value) for name, value in defines.items()}
+    return CContents(defines, deciders, name, recogniser.classes, arrays, points, watch)
 
 
 def _size_defines(recogniser: Recogniser, width: int, longest: int) -> dict[str, Any]:
@@ -137,24 +130,19 @@ def _size_defines(recogniser: Recogniser, width: int, longest: int) -> dict[str,
         "FEATURES": width,
         "RATE_HZ": format_float(recogniser.rate_hz),
         "FULL_SCALE": format_float(recogniser.full_scale),
-        "CHECKED": min(
-            recogniser.longest, 2 * round(recogniser.rate_hz) + 9
-        ),  # frames of make check
+        "CHECKED": min(recogniser.longest, 2 * round(recogniser.rate_hz) + 9),  # by make check
         "LONGEST": longest,
     }
 
 
-def _unwrap_recipe(estimator: Any, inside: str = "system_") -> tuple[Any, list[Step]]:
-    """A system, features and classifier or a network, and the steps of the recipe around it, if there is one.
-
-    ``inside`` is the attribute of a recipe that is the system.
-    """
+def _unwrap_recipe(estimator: Any, attribute: str = "system_") -> tuple[Any, list[Step]]:
+    """The system inside a recipe, from its ``attribute``, and the steps of the recipe."""
     if contract.abstention_label(estimator) is not None:
         raise InputError(
             "a system that abstains has no C, which always names a gesture; remove abstains"
         )
     recipe = estimator if isinstance(estimator, Recipe) else None
-    system = getattr(recipe, inside) if recipe else estimator
+    system = getattr(recipe, attribute) if recipe else estimator
     if isinstance(system, Reflex):
         raise InputError("reflex with model.scale= or other steps has no C; leave these steps out")
     steps = recipe.prediction_steps() if recipe else []
@@ -164,13 +152,14 @@ def _unwrap_recipe(estimator: Any, inside: str = "system_") -> tuple[Any, list[S
 
 
 def _find_feature_code(system: Pipeline, steps: list[Step]) -> tuple[str, Windows | None]:
-    """The name of the C that computes the features, and the windows that it sees."""
+    """The name of the C that computes the features, and its windows."""
     features = system.steps[0][1]
     windows = next((step for step in steps if isinstance(step, Windows)), None)
     if isinstance(features, TouchFeatures):
         if windows is not None and windows.hop not in (0, windows.seconds / 2):
             raise InputError(
-                f"model.hop={windows.hop:g} has no C; leave model.hop= out, which sets it to half a window"
+                f"model.hop={windows.hop:g} has no C; leave model.hop= out, which sets it to half "
+                "a window"
             )
         if windows is None:
             raise InputError("touch on whole captures has no C; fit with model.window=1")
@@ -180,7 +169,8 @@ def _find_feature_code(system: Pipeline, steps: list[Step]) -> tuple[str, Window
             raise InputError("jung28 on windows has no C yet; leave model.window= out")
         return "jung28", None
     raise InputError(
-        f"{type(features).__name__} has no C; use touch with model.window=, or jung28 on whole captures"
+        f"{type(features).__name__} has no C; use touch with model.window=, or jung28 on whole "
+        "captures"
     )
 
 
@@ -196,13 +186,13 @@ def _step_defines(steps: list[Step], rate_hz: float) -> dict[str, Any]:
 
 
 def _window_defines(
-    windows: Windows | None, short: Windows | None, rate_hz: float
+    windows: Windows | None, early_windows: Windows | None, rate_hz: float
 ) -> dict[str, Any]:
-    """Lengths of windows in frames, and of shorter ones that come first; each begins in the middle of the last."""
+    """Lengths of windows in frames, and of shorter early ones; each begins amid the previous."""
     if windows is None:
         return {"WINDOW": 0, "EARLY": 0}
     window, hop = windows.window_and_hop(rate_hz)
-    early_window, early_hop = short.window_and_hop(rate_hz) if short else (0, 0)
+    early_window, early_hop = early_windows.window_and_hop(rate_hz) if early_windows else (0, 0)
     for frames, step in ((window, hop), (early_window, early_hop)):
         if step != (frames + 1) // 2:
             raise InputError(
@@ -223,24 +213,22 @@ def _window_defines(
 
 
 def yields_fractions(step: Step) -> bool:
-    """Return True if readings after a step lie between those before."""
+    """Return True if a step can yield readings between those of the sensor."""
     return isinstance(step, Scale) or (isinstance(step, Repair) and step.kinds != ("offset",))
 
 
 def _watch_defines(
     watch: Any, recogniser: Recogniser, sizes: dict[str, Any], step: float
 ) -> dict[str, Any]:
-    """Constants of a watcher, and of its frames, which share the ring of signals with captures.
+    """Constants of a watcher, whose frames share the ring of signals with captures.
 
-    Readings are multiples of ``step``, so that their sums are exact in few bits; 0 where there is none.
+    Readings are multiples of ``step``, so that their sums are exact in few bits; 0 if they are not.
     """
-    steps, longest = (
-        recogniser.full_scale / step if step else np.inf,
-        max(watch.part, sizes["HOP"], sizes["EARLY_HOP"]),
-    )
+    steps = recogniser.full_scale / step if step else np.inf
+    longest = max(watch.part, sizes["HOP"], sizes["EARLY_HOP"])
     ring = max(sizes["WINDOW"], watch.frames)
     settled = int(np.ceil(SETTLED_S * recogniser.rate_hz))
-    common = {
+    defines: dict[str, Any] = {
         "RING": ring,
         "MOST_POINTS": max(SPECTRUM_POINTS, min(ring, sizes["SEGMENT"])),
         "WATCH": 1,
@@ -252,10 +240,10 @@ def _watch_defines(
         "SUM": "uint16_t" if longest * steps < BITS16 else "uint32_t",
         "MOST": "uint8_t" if steps < BITS8 else "uint16_t",
     }
-    of_detector = {name: value for _, group in watch.constants for name, value in group.items()}
-    return common | {
-        name: format_float(v) if isinstance(v, float) else v for name, v in of_detector.items()
-    }
+    for _, group in watch.constants:
+        for name, value in group.items():
+            defines[name] = format_float(value) if isinstance(value, float) else value
+    return defines
 
 
 def _stopping_defines(stopping: Stopping | None) -> dict[str, Any]:

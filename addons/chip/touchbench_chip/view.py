@@ -1,4 +1,4 @@
-"""Accuracy and costs in C."""
+"""Tables of accuracy and costs in C."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from bench.reading.reactions import Reactions
+    from bench.reports.sections import Exhibit
     from bench.values.candidate import Candidate
     from bench.values.result import Result
 
@@ -36,10 +37,11 @@ WATCHING = (  # columns of the costs of watching an endless stream
 
 
 class ChipView(View):
-    """Systems in C, beside themselves in Python."""
+    """Systems in C beside the same systems in Python."""
 
     heading: ClassVar[str] = (
-        "Accuracy in percent of whole captures, mean over subjects, in C and in Python; a Cortex-M4F, linked"
+        "Accuracy in percent of whole captures, mean over subjects, in C and in Python; "
+        "linked for a Cortex-M4F"
     )
     marks_best: ClassVar[bool] = True
     score: ClassVar[str] = "c_accuracy"
@@ -75,7 +77,7 @@ class ChipView(View):
     )
 
     def further_output(self, results: Sequence[Result]) -> Iterator[str | Table]:
-        """Costs of watching an endless stream, of the systems that can."""
+        """Costs of the systems that can watch an endless stream."""
         if watching := [r for r in results if "chip_watch_flash_bytes" in r]:
             yield Table(WATCHING, watching, "Costs of touch_watch, which watches an endless stream")
 
@@ -85,11 +87,12 @@ class ChipView(View):
 
         return choose_command(results, by="cycles")
 
-    def make_exhibits(self, results: Sequence[Result], folder: Path) -> None:
-        """None: systems in C are marks of the chart."""
+    def make_exhibits(self, results: Sequence[Result], folder: Path) -> list[Exhibit]:
+        """No exhibits: systems in C are marks of the chart."""
+        return []
 
     def csv_tables(self, results: Sequence[Result]) -> dict[str, pd.DataFrame]:
-        """Accuracy and costs of all systems."""
+        """Accuracy and costs in C of all systems."""
         columns = [text_measure("system", source=lambda r: r.system), *self.columns]
         return {"chip": Table(columns, results).to_frame()} if results else {}
 
@@ -100,15 +103,13 @@ class ChipView(View):
         from bench.reading.reactions import react_to_captures
         from bench.values.candidate import Candidate
 
-        bits, own = (
-            result.attributes["chip.bits"],
-            {"flash": "chip_flash_bytes", "ram": "chip_ram_bytes", "predict": ""},
-        )
+        bits = result.attributes["chip.bits"]
+        costs = {"flash": "chip_flash_bytes", "ram": "chip_ram_bytes", "predict": ""}
         scores = reactions.score_by_subject(react_to_captures(result.tables[C], reactions))
-        yield Candidate(f"in C, {bits} bits", scores, own, mark="C", whole=bits == "32")
+        yield Candidate(f"in C, {bits} bits", scores, costs, mark="C", whole=bits == "32")
 
     def shared_costs(self, result: Result) -> dict[str, float]:
-        """Bytes as linked in 32 bits, whose labels are those of Python: the counted ones leave code out."""
+        """Linked bytes of 32-bit C, whose labels are those of Python; counted bytes lack code."""
         if str(result.attributes["chip.bits"]) != "32":
             return {}
         return {f"{name}_bytes": result.metrics[f"chip_{name}_bytes"] for name in ("flash", "ram")}

@@ -1,9 +1,10 @@
-"""The files of a system as C."""
+"""Write the C files of a system."""
 
 from __future__ import annotations
 
 import hashlib
 import math
+from collections.abc import Iterable
 from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING
@@ -33,32 +34,37 @@ PUBLIC = (
     "WATCH",
 )
 SETTLED = "settled: 0 to 1; from TOUCH_THRESHOLD on, more touch is expected to gain too little."
-NOT_SETTLED = "settled: always 0, because training found no saving by deciding early."
-TOP = """/* From frames to a label, in the order in which it happens: a frame is checked and repaired, joins what is
-   kept of the capture, and, where a decision is due, features are computed and classified. touch_push and touch_label
-   stand at the end. All that changes is in touch_t; what was learnt is in tables.h. */
-"""
-FUNCTIONS = (
-    "measured",
-    "layer",
-    "softmax",
-    "leaf",
-    "machine",
-)  # that a classifier may use, each in a file of its name
+NEVER_SETTLED = "settled: always 0, because training found no saving by deciding early."
+TOP = (
+    "/* From frames to a label, in the order in which it happens: a frame is checked and repaired, "
+    "joins what is\n"
+    "   kept of the capture, and, where a decision is due, features are computed and classified. "
+    "touch_push and touch_label\n"
+    "   stand at the end. All that changes is in touch_t; what was learnt is in tables.h. */\n"
+)
+# Functions that a classifier may use, each in a file of its name.
+FUNCTIONS = ("measured", "layer", "softmax", "leaf", "machine")
 COMMENTS = {  # by the first constant of each group
     "ROWS": "The sensor, classes and features; readings are 0 to FULL_SCALE.",
     "CHECKED": "Frames of make check, and most of a capture.",
-    "SETTLED": "Repair: frames after which a taxel that has not moved is at rest, or broken; which kinds are repaired.",
-    "WINDOW": "Frames of a window and from one to the next, and of the shorter ones before the first; 0 for none.",
-    "CONVOLVED": "Frames of a window and from one to the next; windows that are open at a time; filters and pools.",
+    "SETTLED": "Repair: frames after which a taxel that has not moved is at rest, or broken; "
+    "which kinds are repaired.",
+    "WINDOW": "Frames of a window and from one to the next, and of the shorter ones before the "
+    "first; 0 for none.",
+    "CONVOLVED": "Frames of a window and from one to the next; windows that are open at a time; "
+    "filters and pools.",
     "SEGMENT": "Spectra: frames of a segment, most points; lags of autocorrelations, in frames.",
     "STOPPING": "Early decisions: how settled a label must be, learned on training subjects.",
     "CALIBRATED": "Calibration: confidence by ms of touch, learned on training subjects.",
-    "WATCH": "An endless stream, 0 for none: parts of captures, frames after which places repeat, most at full scale.",
-    "PASSES": "Rounds in which broken taxels are filled from their neighbours; labels that are remembered.",
-    "SIGNALS": "Features of touch: signals of a frame, what is taken of each, and of the taxels in order of size.",
+    "WATCH": "An endless stream, 0 for none: parts of captures, frames after which places repeat, "
+    "most at full scale.",
+    "PASSES": "Rounds in which broken taxels are filled from their neighbours; labels that are "
+    "remembered.",
+    "SIGNALS": "Features of touch: signals of a frame, what is taken of each, and of the taxels in "
+    "order of size.",
     "NAMES": "Classes, in the order of probabilities.",
 }
+FIXED_FILES = ("main.c", "Makefile", "cortex_m4.c", "cortex_m4.ld")
 REMEMBERED = {"PASSES": str(FILL_PASSES), "REMEMBERED": "32"}
 CONSTANTS = REMEMBERED | {  # of the feature set touch
     "SIGNALS": str(len(touch.SIGNALS)),
@@ -78,27 +84,28 @@ CONSTANTS = REMEMBERED | {  # of the feature set touch
 
 
 def write_c_sources(recogniser: Recogniser, bits: int, title: str) -> dict[str, str]:
-    """Names and contents of the files of a saved system, with a title of one line, and 32 or 8 bits a learnt weight."""
+    """Names and contents of the C files of a saved system.
+
+    Args:
+        recogniser: the saved system.
+        bits: bits per learnt weight, 32 or 8.
+        title: first line of the header.
+    """
     chip = collect_contents(recogniser, bits)
-    return {
+    pretended = chip.watch.pretended if chip.watch else ""
+    files = {
         "touch.h": _write_header(chip, title, recogniser.rate_hz),
         "tables.h": _write_tables(chip, bits),
         "touch.c": _write_code(chip),
-        "count.c": _read_code("count.c").replace(
-            "/* PRETENDED */", chip.watch.pretended if chip.watch else ""
-        ),
-        **{
-            name: _read_code(name) for name in ("main.c", "Makefile", "cortex_m4.c", "cortex_m4.ld")
-        },
+        "count.c": _read_code("count.c").replace("/* PRETENDED */", pretended),
     }
+    return files | {name: _read_code(name) for name in FIXED_FILES}
 
 
 def hash_fixed_code() -> str:
-    """Hash of the C that is the same for all systems."""
-    h = hashlib.sha256()
-    for path in sorted(CODE.iterdir()):
-        h.update(path.read_bytes())
-    return h.hexdigest()
+    """Hash of the C that all systems share."""
+    contents = b"".join(path.read_bytes() for path in sorted(CODE.iterdir()))
+    return hashlib.sha256(contents).hexdigest()
 
 
 def _read_code(name: str) -> str:
@@ -106,52 +113,55 @@ def _read_code(name: str) -> str:
 
 
 def _fill_code(name: str, values: dict[str, str]) -> str:
-    """A fixed file with values behind ``$``."""
+    """Fill values for ``$NAME`` into a fixed file."""
     return Template(_read_code(name)).substitute(values)
 
 
 def _write_header(chip: CContents, title: str, rate_hz: float) -> str:
     defines = chip.defines | {"RATE_HZ": repr(rate_hz)}  # in full, as main.c counts hops with it
+    public = [f"#define TOUCH_{name} {defines[name]}" for name in PUBLIC if name in defines]
     parts = {
         "title": title,
-        "public": "\n".join(
-            f"#define TOUCH_{name} {defines[name]}" for name in PUBLIC if name in defines
-        ),
+        "public": "\n".join(public),
         "state": _write_state(chip),
-        "settled": SETTLED if defines["STOPPING"] == "1" else NOT_SETTLED,
+        "settled": SETTLED if defines["STOPPING"] == "1" else NEVER_SETTLED,
         "watch": _read_code("watch.h") + _write_points(chip) if chip.watch else "",
     }
     return _fill_code("touch.h", parts)
 
 
 def _write_points(chip: CContents) -> str:
-    """The function that moves a watcher to another operating point, and what training found at each."""
-    rows = [
-        f"   {i}: {_alarm_words(alarms, hours)}; {100 * found:.1f} % of touches found"
-        f"{' (after touch_watch_init)' if format_float(level) == chip.defines['LEVEL'] else ''}"
-        for i, (level, alarms, hours, found) in enumerate(chip.points)
+    """Write the function that changes the operating point, with the results of each point."""
+    rows = []
+    for i, (level, alarms, hours, found) in enumerate(chip.points):
+        row = f"   {i}: {_alarm_words(alarms, hours)}; {100 * found:.1f} % of touches found"
+        if format_float(level) == chip.defines["LEVEL"]:
+            row += " (after touch_watch_init)"
+        rows.append(row)
+    lines = [
+        "",
+        f"#define TOUCH_POINTS {len(rows)} "
+        "/* operating points, from the strictest to the most eager */",
+        "",
+        "/* Move to an operating point; TOUCH_BAD without it. On training recordings, each subject",
+        "   left out in turn, the points gave:",
+        *rows[:-1],
+        f"{rows[-1]} */",
+        "int touch_set_threshold(touch_watch_t *w, int point);",
+        "",
     ]
-    return "\n".join(
-        [
-            "",
-            f"#define TOUCH_POINTS {len(rows)} /* operating points, from the strictest to the most eager */",
-            "",
-            "/* Move to an operating point; TOUCH_BAD without it. On training recordings, each subject",
-            "   left out in turn, the points gave:",
-            *rows[:-1],
-            f"{rows[-1]} */",
-            "int touch_set_threshold(touch_watch_t *w, int point);",
-            "",
-        ]
-    )
+    return "\n".join(lines)
 
 
 def _alarm_words(alarms: float, hours: float) -> str:
-    """How often a watcher reports without touch: the count, and the largest rate that it agrees with (Poisson)."""
+    """Number of false alarms, and the upper bound of their rate (Poisson), in words."""
     if not hours:
         return "no background to count false alarms in"
     rate = poisson_upper_rate(alarms, hours)
-    return f"{alarms:g} false alarms in {60 * hours:.3g} minutes, so at most {rate:.3g} per hour (95 % confidence)"
+    return (
+        f"{alarms:g} false alarms in {60 * hours:.3g} minutes, so at most {rate:.3g} per hour "
+        "(95 % confidence)"
+    )
 
 
 def poisson_upper_rate(events: float, hours: float) -> float:
@@ -160,17 +170,17 @@ def poisson_upper_rate(events: float, hours: float) -> float:
 
 
 def _write_state(chip: CContents) -> str:
-    """What is kept between frames, and what features and classifier work in."""
+    """Write the types of what is kept between frames, and of the buffers."""
     d = chip.defines
     taxels = d["TAXELS"]
     members = ["int seen;  /* frames */", f"float frame[{taxels}];  /* this one, repaired */"]
     if "1" in (d["REPAIR_STUCK"], d["REPAIR_DEAD"]):
-        members.append(
-            f"float least[{taxels}], most[{taxels}], moved[{taxels}];  /* of each taxel in this capture */"
-        )
-        members.append(
-            f"float sound[{taxels}], mean_around[{taxels}];  /* which taxels are, and what replaces others */"
-        )
+        members += [
+            f"float least[{taxels}], most[{taxels}], moved[{taxels}];  "
+            "/* of each taxel in this capture */",
+            f"float sound[{taxels}], mean_around[{taxels}];  "
+            "/* which taxels are, and what replaces others */",
+        ]
     if d["REPAIR_OFFSET"] == "1":
         members.append(f"float offset[{taxels}];  /* least reading so far */")
     if d["SCALE_PEAK"] == "1":
@@ -179,54 +189,62 @@ def _write_state(chip: CContents) -> str:
     members.append(f"float features[{d['FEATURES']}], proba[{d['CLASSES']}];")
     buffers: dict[str, int] = {}
     for decider in chip.deciders.values():
-        buffers |= {name: max(size, buffers.get(name, 0)) for name, size in decider.buffers.items()}
-    members += [
-        f"float {name}[{size}];  /* the classifier works in it */" for name, size in buffers.items()
-    ]
+        for name, size in decider.buffers.items():
+            buffers[name] = max(size, buffers.get(name, 0))
+    for name, size in buffers.items():
+        members.append(f"float {name}[{size}];  /* the classifier works in it */")
     if d["STOPPING"] == "1":
         members.append(
-            "int remembered, label_at[32]; int16_t labels[32];  /* labels so far, and after how many frames */"
+            "int remembered, label_at[32]; int16_t labels[32];  "
+            "/* labels so far, and after how many frames */"
         )
-    body = "".join(f"    {line}\n" for line in members)
-    sums = "part_in_steps.h" if d["STEPPED"] == "1" else "part.h"
-    part = _fill_code(sums, d) if chip.features == "touch" else ""
-    return f"{part}typedef struct {{\n{body}}} touch_t;\n{_write_watch_state(chip)}"
+    part = ""
+    if chip.features == "touch":
+        part = _fill_code("part_in_steps.h" if d["STEPPED"] == "1" else "part.h", d)
+    return part + _write_struct("touch_t", members) + _write_watch_state(chip)
+
+
+def _write_struct(name: str, members: Iterable[str]) -> str:
+    lines = "".join(f"    {line}\n" for line in members)
+    return f"typedef struct {{\n{lines}}} {name};\n"
 
 
 def _write_watch_state(chip: CContents) -> str:
-    """What is kept between the frames of an endless stream; nothing for a system that watches none."""
+    """Write the type of what a watcher keeps between frames; empty without a watcher."""
     if chip.watch is None:
         return ""
     members = (
         "touch_t now;  /* the last frames, and what features and classifier work in */",
         "float level;  /* the threshold */",
         "uint32_t seen;  /* frames; modulo 2^32 */",
-        "touch_counts_t counts; int is_refused, is_saturated;  /* of the last decision, of the last frame */",
+        "touch_counts_t counts; int is_refused, is_saturated;  "
+        "/* of the last decision, of the last frame */",
         *(line.format_map(chip.defines) for line in chip.watch.state),
     )
-    return (
-        _read_code("counts.h")
-        + "typedef struct {\n"
-        + "".join(f"    {line}\n" for line in members)
-        + "} touch_watch_t;\n"
-    )
+    return _read_code("counts.h") + _write_struct("touch_watch_t", members)
 
 
 def _touch_state(d: dict[str, str]) -> list[str]:
     ring, points, taxels, classes = d["RING"], d["MOST_POINTS"], d["TAXELS"], d["CLASSES"]
     early = d["EARLY"] != "0"
     halves = "halves of the last window" + (", and of a shorter one" if early else "")
-    early_sum = (
-        f"float early_sum[{classes}]; int early_windows;  /* of shorter ones, before the first */"
-    )
-    return [
+    members = [
         f"float before[{taxels}];  /* the last one */",
         f"float signals[{ring}][{len(touch.SIGNALS)}];  /* of the last window, a ring */",
         f"touch_part_t parts[{4 if early else 2}];  /* {halves} */",
         f"float sum[{classes}]; int windows;  /* of decisions */",
-        *([early_sum] if early else []),
-        f"float series[{ring}], sorted[{ring}], centre[{ring}], taxels[{taxels}];  /* to work in */",
-        f"float cosine[{points}], sine[{points}], power[{int(points) // 2}]; int points;  /* of spectra */",
+    ]
+    if early:
+        members.append(
+            f"float early_sum[{classes}]; int early_windows;  "
+            "/* of shorter ones, before the first */"
+        )
+    return [
+        *members,
+        f"float series[{ring}], sorted[{ring}], centre[{ring}], taxels[{taxels}];  "
+        "/* to work in */",
+        f"float cosine[{points}], sine[{points}], power[{int(points) // 2}]; int points;  "
+        "/* of spectra */",
     ]
 
 
@@ -236,7 +254,8 @@ def _convolved_state(d: dict[str, str]) -> list[str]:
     return [
         f"float ring[{d['KERNEL1_FRAMES']}][{d['TAXELS']}];  /* the last frames */",
         f"float maps[{maps}], kept_maps[{maps}];  /* of the first layer, at the last time */",
-        f"float sums[{d['OPEN']}][{sums}], kept_sums[{sums}];  /* of the second, of each open window */",
+        f"float sums[{d['OPEN']}][{sums}], kept_sums[{sums}];  "
+        "/* of the second, of each open window */",
         f"float sum[{d['CLASSES']}]; int windows;  /* of decisions */",
     ]
 
@@ -245,8 +264,10 @@ def _jung28_state(d: dict[str, str]) -> list[str]:
     return [
         f"float before[{d['TAXELS']}];  /* the last one */",
         f"float total[{d['LONGEST']}];  /* of each frame */",
-        f"float row[{d['ROWS']}], col[{d['COLS']}], centre[2], distance[2];  /* means, the last, path so far */",
-        "float change, area, area_there, highest, highest_total;  /* means, and of the strongest frame */",
+        f"float row[{d['ROWS']}], col[{d['COLS']}], centre[2], distance[2];  "
+        "/* means, the last, path so far */",
+        "float change, area, area_there, highest, highest_total;  "
+        "/* means, and of the strongest frame */",
     ]
 
 
@@ -260,8 +281,8 @@ def _write_tables(chip: CContents, bits: int) -> str:
     for function, decider in chip.deciders.items():
         arrays |= {f"{function}_{name}": values for name, values in decider.arrays.items()}
     lines = []
-    of_detector = chip.watch.constants if chip.watch else ()
-    comments = COMMENTS | {next(iter(group)): comment for comment, group in of_detector}
+    groups = chip.watch.constants if chip.watch else ()
+    comments = COMMENTS | {next(iter(group)): comment for comment, group in groups}
     for name, value in {**chip.defines, **constants, "NAMES": f"{{{names}}}"}.items():
         if name in comments:
             lines.append(f"\n/* {comments[name]} */")
@@ -278,10 +299,12 @@ def _write_tables(chip: CContents, bits: int) -> str:
 
 
 def _escape_name(name: str) -> str:
-    """A class name inside a C string; what is not ASCII as its bytes."""
-    return "".join(
-        chr(b) if 32 <= b < 127 and chr(b) not in '"\\?' else f"\\{b:03o}" for b in name.encode()
-    )
+    """A class name for a C string; other characters than ASCII as their bytes."""
+    escaped = ""
+    for byte in name.encode():
+        is_plain = 32 <= byte < 127 and chr(byte) not in '"\\?'
+        escaped += chr(byte) if is_plain else f"\\{byte:03o}"
+    return escaped
 
 
 def _write_array(name: str, values: np.ndarray) -> str:
@@ -320,5 +343,7 @@ def _write_code(chip: CContents) -> str:
         kind = "Probabilities" if "softmax" in decider.body else "Scores"
         comment = f"/* {kind} from the features: {decider.comment}. */\n"
         pieces.append(f"{comment}static void {function}(touch_t *t, float *proba)\n{{\n{body}}}\n")
-    watching = [chip.watch.code, _read_code("watch.c")] if chip.watch else []
-    return "\n".join([*pieces, _read_code("api.c"), _read_code("look.c"), *watching])
+    pieces += [_read_code("api.c"), _read_code("look.c")]
+    if chip.watch:
+        pieces += [chip.watch.code, _read_code("watch.c")]
+    return "\n".join(pieces)

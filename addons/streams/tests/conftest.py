@@ -3,7 +3,7 @@
 import pytest
 
 from addons.chip.tests.test_chip import costs  # noqa: F401
-from addons.streams.tests.made import FEW
+from addons.streams.tests.people import FEW
 from tests.reports.conftest import quick  # noqa: F401
 
 

@@ -15,7 +15,13 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from addons.chip.tests.compiled import STRICT, fitted, lacking, loaded, written
+from addons.chip.tests.compiled import (
+    STRICT,
+    describe_missing,
+    fit_recogniser,
+    load_library,
+    write_files,
+)
 from bench.corpora import synth
 from bench.corpora.corpus import Corpus, shared_frames
 from bench.corpora.faults import as_readings, as_shares, noise
@@ -35,7 +41,7 @@ from touchbench_streams.detectors.ticks import learn_watcher
 from touchbench_streams.disturbed import KINDS, disturb_recordings
 from touchbench_streams.recordings import Recordings
 
-pytestmark = pytest.mark.skipif(bool(lacking("gcc")), reason=lacking("gcc"))
+pytestmark = pytest.mark.skipif(bool(describe_missing("gcc")), reason=describe_missing("gcc"))
 EVENT = [
     ("label", np.int32),
     ("confidence", np.float32),
@@ -46,12 +52,12 @@ NEWS = np.dtype([*EVENT, ("news", np.int32), ("seen", np.uint32)])
 REPORTED, CHANGED, ENDED = 1, 2, 3
 
 
-class Watched:
+class WatcherInC:
     """The C of a watcher; called with frames, it gives the news of them, a row each."""
 
     def __init__(self, recogniser, folder, bits=32):
-        self.folder = written(recogniser, folder, bits)
-        self.code = loaded(folder, (Path(__file__).parent / "watched.c").read_text())
+        self.folder = write_files(recogniser, folder, bits)
+        self.code = load_library(folder, (Path(__file__).parent / "watched.c").read_text())
 
     def start(self):
         """Begin."""
@@ -67,8 +73,8 @@ class Watched:
         return news[:count]
 
 
-def events_of(news, classes):
-    """Events that are over, from the first news of each to its end: as the result of `TickWatcher.report_touches`."""
+def events_from_news(news, classes):
+    """Ended events from the news of the C, as `TickWatcher.report_touches` returns them."""
     ended = np.flatnonzero(news["news"] == ENDED)
     begun = np.append(0, ended[:-1] + 1)[: len(ended)]  # the first news of an event may be its end
     words = np.append(classes, UNKNOWN)
@@ -79,11 +85,11 @@ def events_of(news, classes):
 
 
 @cache
-def recordings(rate_hz, whole):
+def compose_test_recordings(rate_hz, whole):
     """Generated captures, and recordings composed of them and of generated idle time.
 
-    Readings have fractions, unless they are whole: where sums of whole numbers are alike, rounding decides what turns,
-    in Python as in C.
+    Readings have fractions, unless ``whole``: if sums of whole numbers are equal, rounding decides
+    on turns, in Python as in C.
     """
     corpus = synth.generate(subjects=3, variants=("normal",), rate_hz=rate_hz)
     streams = synth_recordings.generate(subjects=3, variants=("normal",), rate_hz=rate_hz)
@@ -108,20 +114,20 @@ IN_STEPS = {
 }  # whole numbers, at rates where rounding decides on few turns
 
 
-def streams_of(name):
+def recordings_for(name):
     """The recordings that a watcher of `watching` learned from."""
-    return recordings(IN_STEPS.get(name, 54.0), name in IN_STEPS)[1]
+    return compose_test_recordings(IN_STEPS.get(name, 54.0), name in IN_STEPS)[1]
 
 
 @cache
-def watching(name):
-    """A fitted system and its watcher, which rejects a few touches; a stricter and a more eager point of it."""
-    corpus, streams = recordings(IN_STEPS.get(name, 54.0), name in IN_STEPS)
+def fit_watcher(name):
+    """A fitted system with a watcher, which has a stricter and a more eager operating point."""
+    corpus, streams = compose_test_recordings(IN_STEPS.get(name, 54.0), name in IN_STEPS)
     make = {
         "reflex": lambda: Reflex(units=6, copies=1),
         **dict.fromkeys(IN_STEPS, lambda: Recipe(lda(TouchFeatures()), window=0.4)),
     }.get(name, lambda: Recipe(lda(TouchFeatures()), window=1.0, repair=("stuck", "dead")))
-    recogniser = fitted(make(), corpus)
+    recogniser = fit_recogniser(make(), corpus)
     watcher = learn_watcher(
         DETECTORS.get(name, Frames()), make, recogniser.estimator, streams, 5.0
     )[0]
@@ -137,15 +143,17 @@ def watching(name):
 @pytest.fixture(scope="module")
 def in_c(tmp_path_factory):
     """The C of a watcher of `watching`, compiled once."""
-    return cache(lambda name, bits=32: Watched(watching(name), tmp_path_factory.mktemp("c"), bits))
+    return cache(
+        lambda name, bits=32: WatcherInC(fit_watcher(name), tmp_path_factory.mktemp("c"), bits)
+    )
 
 
 HOP = 15  # frames at 135 Hz, or fewer
-WHOLE = 0.15  # largest difference of a confidence where sums of whole numbers are alike, so rounding decides on turns
+WHOLE = 0.15  # largest difference of confidences if rounding decides on turns
 
 
 def check_equal(events, expected, wrong=0.0, most=0.02):
-    """The same events, and nearly the same confidences: what is counted of a signal may differ by one in rounding.
+    """Compare events and, up to rounding of counts, confidences.
 
     A share of them may have other labels, or times that are a hop apart, for that reason.
     """
@@ -163,19 +171,19 @@ def check_equal(events, expected, wrong=0.0, most=0.02):
 
 @pytest.mark.parametrize("name", DETECTORS)
 def test_events_are_those_of_python(name, in_c):
-    recogniser, streams = watching(name), streams_of(name)
+    recogniser, streams = fit_watcher(name), recordings_for(name)
     expected = recogniser.watcher.report_touches(streams.corpus)
     watched, in_8_bits = in_c(name), in_c(name, 8)
     labels = 0
     for i in range(len(streams)):
         mine = expected[expected["recording"] == i]
         news = watched.start()(streams.corpus[i])
-        events = events_of(news, recogniser.classes)
+        events = events_from_news(news, recogniser.classes)
         lasting = mine["end"] > len(streams.corpus[i]) - recogniser.rate_hz / 8  # to the last tick
         assert len(events) == (~lasting).sum() >= len(mine) - 1
         mine = mine[: len(events)]
         check_equal(events, mine, most=WHOLE if name in IN_STEPS else 0.02)
-        few = events_of(in_8_bits.start()(streams.corpus[i]), recogniser.classes)
+        few = events_from_news(in_8_bits.start()(streams.corpus[i]), recogniser.classes)
         assert few["reported"].tolist() == mine["reported"].tolist()
         changes = news[news["news"] == CHANGED]
         assert (changes["end"] == 0).all() and (changes["reported"] < changes["seen"]).all()
@@ -186,7 +194,7 @@ def test_events_are_those_of_python(name, in_c):
 
 
 def test_a_disturbed_sensor_has_the_events_of_python(tmp_path):
-    recogniser, streams = copy(watching("frames")), streams_of("frames")
+    recogniser, streams = copy(fit_watcher("frames")), recordings_for("frames")
     watcher = recogniser.watcher = copy(recogniser.watcher)
     calm, detector = watcher.detector, copy(watcher.detector)
     ticks = average_into_ticks(streams, count_frames_per_tick(calm.tick, streams.corpus.rate_hz))
@@ -199,12 +207,12 @@ def test_a_disturbed_sensor_has_the_events_of_python(tmp_path):
         others.append(replace(calm).fit([calm.signals_of(part) for part in parts], ticks))
     detector.disturbed_ = tuple((kind, other, 0.5) for kind, other in enumerate(others))
     watcher.detector = detector
-    watched = Watched(recogniser, tmp_path)
+    watched = WatcherInC(recogniser, tmp_path)
     for each in shaken:
         watcher.detector = detector
         expected, mine, theirs = watcher.report_touches(each), [], []
         for i in range(len(streams)):
-            mine.append(events_of(watched.start()(each[i]), recogniser.classes))
+            mine.append(events_from_news(watched.start()(each[i]), recogniser.classes))
             theirs.append(expected[expected["recording"] == i])
             assert len(theirs[-1]) - len(mine[-1]) in (0, 1)  # one may last to the end
             theirs[-1] = theirs[-1][: len(mine[-1])]
@@ -213,7 +221,7 @@ def test_a_disturbed_sensor_has_the_events_of_python(tmp_path):
         assert len(expected) > 10 and not expected.equals(watcher.report_touches(each))
 
 
-def reports(recogniser, frames):
+def report_in_python(recogniser, frames):
     """Events of one recording in Python."""
     captures = pd.DataFrame({"subject": ["1"], "gesture": [""]})
     corpus = Corpus.from_captures(
@@ -224,11 +232,11 @@ def reports(recogniser, frames):
 
 @pytest.mark.parametrize("name", ["frames", "frames at 8 Hz"])
 def test_names_from_several_parts_of_a_touch_are_those_of_python(name, tmp_path, monkeypatch):
-    recogniser, frames = watching(name), streams_of(name).corpus[0]
-    whole = reports(recogniser, frames)
+    recogniser, frames = fit_watcher(name), recordings_for(name).corpus[0]
+    whole = report_in_python(recogniser, frames)
     monkeypatch.setattr(names, "LONGEST_S", 0.75)
-    expected = reports(recogniser, frames)
-    events = events_of(Watched(recogniser, tmp_path).start()(frames), recogniser.classes)
+    expected = report_in_python(recogniser, frames)
+    events = events_from_news(WatcherInC(recogniser, tmp_path).start()(frames), recogniser.classes)
     check_equal(events, expected, most=WHOLE if name in IN_STEPS else 0.02)
     assert (expected["end"] - expected["reported"]).max() > 1.5 * recogniser.rate_hz
     assert (np.abs(whole["confidence"] - expected["confidence"]) > 0.01).any()
@@ -236,8 +244,8 @@ def test_names_from_several_parts_of_a_touch_are_those_of_python(name, tmp_path,
 
 @pytest.mark.parametrize("name", ["frames", "frames at 8 Hz"])
 def test_interrupted_touches_are_those_of_python(name, in_c):
-    """A recording that begins with a touch, touches with a gap of 0.8 s in the middle, and a higher threshold."""
-    recogniser, streams, watched = copy(watching(name)), streams_of(name), in_c(name)
+    """Recordings begin with a touch, touches have a gap of 0.8 s, at two thresholds."""
+    recogniser, streams, watched = copy(fit_watcher(name)), recordings_for(name), in_c(name)
     learned_one, gap, counts = recogniser.watcher, round(0.8 * recogniser.rate_hz), []
     for point in (1, 0):
         recogniser.watcher = replace(learned_one, level=learned_one.points[point][0])
@@ -248,8 +256,8 @@ def test_interrupted_touches_are_those_of_python(name, in_c):
                 frames[middle : middle + gap] = frames[:gap]
             frames = frames[events["start"].min() :]
             watched.start().code.set(point)
-            mine.append(events_of(watched(frames), recogniser.classes))
-            whole = reports(recogniser, frames)
+            mine.append(events_from_news(watched(frames), recogniser.classes))
+            whole = report_in_python(recogniser, frames)
             theirs.append(whole[whole["end"] < len(frames)])  # it ends before a touch does
         # a count of one more is a larger share of a few frames
         expected = pd.concat(theirs)
@@ -262,13 +270,14 @@ def test_interrupted_touches_are_those_of_python(name, in_c):
         most = (
             f"{stats.chi2.ppf(0.95, 2 * (alarms + 1)) / 2 / hours:.3g} per hour (95 % confidence)"
         )
-        line = f"{i}: {alarms:g} false alarms in 120 minutes, so at most {most}; {100 * found:.1f} % of touches found"
+        line = f"{i}: {alarms:g} false alarms in 120 minutes, so at most {most}; "
+        line += f"{100 * found:.1f} % of touches found"
         assert line in (watched.folder / "touch.h").read_text() and watched.code.set(i) == 0
     assert watched.code.set(-1) == watched.code.set(len(learned_one.points)) == -1
 
 
 def test_a_sensor_that_is_noisier_than_in_training_is_refused_frame_by_frame_and_in_c(tmp_path):
-    recogniser, streams = copy(watching("frames")), streams_of("frames")
+    recogniser, streams = copy(fit_watcher("frames")), recordings_for("frames")
     watcher = recogniser.watcher = copy(recogniser.watcher)
     watcher.detector = copy(watcher.detector)
     watcher.detector.disturbed_ = ()  # no classifier for noise
@@ -280,22 +289,24 @@ def test_a_sensor_that_is_noisier_than_in_training_is_refused_frame_by_frame_and
     noisy = Corpus.from_captures(
         noisy, corpus.captures, corpus.rate_hz, full_scale=corpus.full_scale
     )
-    calm, expected = (watcher.count_refused(one, watcher.collect_evidence(one)) for one in (corpus, noisy))
+    calm, expected = (
+        watcher.count_refused(one, watcher.collect_evidence(one)) for one in (corpus, noisy)
+    )
     assert calm.sum() < 0.1 * len(corpus.frames) and expected.sum() > 0.6 * len(corpus.frames)
-    watched, counts = Watched(recogniser, tmp_path), (ctypes.c_uint32 * 3)()
+    watched, counts = WatcherInC(recogniser, tmp_path), (ctypes.c_uint32 * 3)()
     for i in range(len(noisy)):
         watched.start()(noisy[i])
         watched.code.status(counts)
         assert counts[1] == pytest.approx(expected[i] - counts[2], rel=0.02)
 
 
-@pytest.mark.skipif(bool(lacking("make")), reason=lacking("make"))
+@pytest.mark.skipif(bool(describe_missing("make")), reason=describe_missing("make"))
 def test_the_program_prints_what_bench_live_prints_and_nothing_is_undefined(
     tmp_path, monkeypatch, capsys
 ):
-    recogniser = watching("frames")
-    written(recogniser, tmp_path)
-    frames = streams_of("frames").corpus[0][:1600]
+    recogniser = fit_watcher("frames")
+    write_files(recogniser, tmp_path)
+    frames = recordings_for("frames").corpus[0][:1600]
     lines = "\n".join(" ".join(f"{v:.3f}" for v in frame.ravel()) for frame in frames) + "\n"
     call = [
         "gcc",
@@ -332,7 +343,7 @@ def test_the_program_prints_what_bench_live_prints_and_nothing_is_undefined(
 
 
 def test_what_is_no_frame_changes_nothing(in_c):
-    watched, frames = in_c("threshold"), streams_of("threshold").corpus[0].astype(np.float32)
+    watched, frames = in_c("threshold"), recordings_for("threshold").corpus[0].astype(np.float32)
     expected = watched.start()(frames)
     watched.start()
     first = watched(frames[:1000])
@@ -350,8 +361,8 @@ def test_what_is_no_frame_changes_nothing(in_c):
     "name", ["frames at 8 Hz", pytest.param("reflex", marks=pytest.mark.nightly)]
 )
 def test_bytes_and_instructions_of_watching_are_counted(name, tmp_path):
-    recogniser, frames = watching(name), streams_of(name).corpus[0][:700]
-    folder = written(recogniser, tmp_path, 8)
+    recogniser, frames = fit_watcher(name), recordings_for(name).corpus[0][:700]
+    folder = write_files(recogniser, tmp_path, 8)
     captures, counted = measure.measure_footprint(folder), measure.measure_watching(folder, frames)
     assert 0 < counted["chip_watch_ram_bytes"] - captures["chip_ram_bytes"] < 8192
     assert abs(counted["chip_watch_flash_bytes"] - captures["chip_flash_bytes"]) < 16384
@@ -367,5 +378,5 @@ def test_bytes_and_instructions_of_watching_are_counted(name, tmp_path):
         counted["chip_watch_recorded_instructions"]
         < counted["chip_watch_recorded_most_instructions"]
     )
-    expected = (reports(recogniser, frames)["reported"] <= len(frames)).sum()
+    expected = (report_in_python(recogniser, frames)["reported"] <= len(frames)).sum()
     assert counted["chip_watch_recorded_reports"] == expected > 3

@@ -1,4 +1,4 @@
-"""Detectors that decide tick by tick: nothing looks ahead, times are learned, reports cost, anybody can add one."""
+"""Detectors look at no later tick, learn times and thresholds, and agree with plain loops."""
 
 import numpy as np
 import pandas as pd
@@ -35,7 +35,7 @@ def recordings():
     return generate(subjects=3, variants=("normal",), rate_hz=30.0)
 
 
-def learned(detector, train):
+def learn_from(detector, train):
     """A watcher that learned from some recordings."""
     captures = cut_into_captures(train)
     make = lambda: lda(TouchFeatures())  # noqa: E731
@@ -45,10 +45,10 @@ def learned(detector, train):
 @pytest.fixture(scope="module", params=[Frames(), Threshold()], ids=["frames", "threshold"])
 def watcher(request, recordings):
     """What learned from the first two people."""
-    return learned(request.param, recordings[np.arange(2)])
+    return learn_from(request.param, recordings[np.arange(2)])
 
 
-def of_one(lengths, events, rate_hz=8.0):
+def silent_recordings(lengths, events, rate_hz=8.0):
     """Recordings without pressure, with some events."""
     table = pd.DataFrame({"subject": "1", "gesture": [""] * len(lengths)})
     frames = [np.zeros((length, 2, 2), np.uint16) for length in lengths]
@@ -65,7 +65,9 @@ def test_a_later_frame_changes_no_report_and_no_first_label(watcher, recordings)
     assert len(reports) >= 5
     for row in (1, len(reports) // 2, len(reports) - 1):
         seen = int(reports["reported"][row])
-        cut = watcher.report_touches(whole.with_fields(lengths=np.array([seen]), digest="", path=None))
+        cut = watcher.report_touches(
+            whole.with_fields(lengths=np.array([seen]), digest="", path=None)
+        )
         same = ["recording", "reported", "first"]
         pd.testing.assert_frame_equal(cut[same], reports.loc[:row, same])
     (evidence,), fitted = watcher.collect_evidence(whole), watcher.detector
@@ -80,15 +82,15 @@ def test_times_come_from_the_labels():
     quick = [
         (0, 10 * k, 10 * k + (1 if k < 3 else 8), "pat") for k in range(10)
     ]  # gaps of 9 and 2 ticks
-    assert TouchTimes.learn_from(of_one([200], quick), 0.25, 1.0) == TouchTimes(
+    assert TouchTimes.learn_from(silent_recordings([200], quick), 0.25, 1.0) == TouchTimes(
         wait=1, hold=1, fade=8
     )
     slow = [(0, 60 * k, 60 * k + 20, "pat") for k in range(3)]
-    assert TouchTimes.learn_from(of_one([200], slow), 0.25, 1.0) == TouchTimes(
+    assert TouchTimes.learn_from(silent_recordings([200], slow), 0.25, 1.0) == TouchTimes(
         wait=2, hold=8, fade=8
     )
     assert (
-        TouchTimes.learn_from(of_one([200], slow), 5.0, 1.0).wait == 15
+        TouchTimes.learn_from(silent_recordings([200], slow), 5.0, 1.0).wait == 15
     )  # three quarters of a touch
 
 
@@ -223,7 +225,7 @@ def test_noise_that_training_did_not_have_costs_few_touches(recordings):
         [*weak[:2], noisy], corpus.captures, corpus.rate_hz, full_scale=corpus.full_scale
     )
     disturbed = Recordings(corpus, recordings.events)
-    watcher, test = learned(Frames(), disturbed[np.arange(2)]), disturbed[[2]]
+    watcher, test = learn_from(Frames(), disturbed[np.arange(2)]), disturbed[[2]]
     found, reported = match_reports(
         test.events, watcher.report_touches(test.corpus), corpus.rate_hz
     )
@@ -249,7 +251,7 @@ def test_a_sensor_is_disturbed_as_a_plain_loop_says():
 
 
 def test_few_subjects_are_left_out_by_recording():
-    few = of_one([9, 9, 9], [(0, 0, 3, "pat")])
+    few = silent_recordings([9, 9, 9], [(0, 0, 3, "pat")])
     assert held_out_units(few).tolist() == ["0", "1", "2"]
     captures = (
         few.corpus.captures.iloc[[0] * 6].assign(subject=list("aabcde")).reset_index(drop=True)
@@ -297,4 +299,4 @@ def test_operating_points_find_more_with_more_alarms():
 @pytest.mark.parametrize("events, lacking", [([(0, 0, 20, "pat")], "background"), ([], "touch")])
 def test_without_touch_or_background_frames_says_so(events, lacking):
     with pytest.raises(InputError, match=f"no {lacking}"):
-        Frames().fit([np.ones((20, 16), np.float32)], of_one([20], events))
+        Frames().fit([np.ones((20, 16), np.float32)], silent_recordings([20], events))

@@ -1,4 +1,4 @@
-"""Scores of reported events, by hand, by naive loops, and the counts of sed_eval; the threshold that rejects labels."""
+"""Scores of reported events by hand, by naive loops, by sed_eval; rejection of labels."""
 
 from dataclasses import dataclass
 
@@ -17,7 +17,7 @@ from touchbench_streams.curve import missed_at, pool_sweeps
 from touchbench_streams.events import (
     alarm_interval,
     match_reports,
-    mean_over_people,
+    mean_over_subjects,
     report_table,
     summarise_by_subject,
     summarise_touches,
@@ -113,7 +113,7 @@ def test_without_touches_or_background_scores_are_nan():
 
 
 @st.composite
-def tables(draw):
+def random_tables(draw):
     """Random touches and reports of three recordings, also where there is nothing."""
     touches, reports = [], []
     for recording in range(3):
@@ -131,7 +131,7 @@ def tables(draw):
     return touches, reports, draw(st.integers(1, 6))
 
 
-@given(tables())
+@given(random_tables())
 def test_matches_equal_a_loop_over_all_pairs(case):
     true, reported, collar = case
     touch = []
@@ -154,11 +154,12 @@ def test_matches_equal_a_loop_over_all_pairs(case):
         )
 
 
-# Onsets of touches of 30 frames, then reports, each as {recording: frames}; true positives, false positives and false
-# negatives of sed_eval 0.2.1: EventBasedMetrics(event_label_list=["touch"], evaluate_onset=True, evaluate_offset=False,
-# t_collar=17.5, event_matching_type="optimal"), one file per recording, a frame a second. With 30 frames and a collar
-# of 5, a report of ours belongs to a touch from its onset until 35 frames later. Reports were given to sed_eval 17.5
-# frames earlier, which makes its collar on either side the same rule. No touch has two reports.
+# Onsets of touches of 30 frames, then reports, each as {recording: frames}; true positives, false
+# positives and false negatives of sed_eval 0.2.1: EventBasedMetrics(event_label_list=["touch"],
+# evaluate_onset=True, evaluate_offset=False, t_collar=17.5, event_matching_type="optimal"), one
+# file per recording, a frame a second. With 30 frames and a collar of 5, a report of ours belongs
+# to a touch from its onset until 35 frames later. Reports were given to sed_eval 17.5 frames
+# earlier, which makes its collar on either side the same rule. No touch has two reports.
 SED_EVAL = [
     (
         {0: [127, 267, 406, 502], 1: [102, 214, 330, 477]},
@@ -186,7 +187,7 @@ def test_counts_equal_sed_evals(onsets, reported, counts):
 
 
 def test_subjects_and_intervals():
-    """Subject c has no touches, only background and a false alarm; d has touches and no background."""
+    """Subject c has background and a false alarm, but no touches; d has no background."""
     truth = pd.concat([TRUTH, event_table([(3, 0, 9, "pat")])], ignore_index=True)
     reports = pd.concat([REPORTS, report_table([(2, 5, 9, "pat", "pat", 0.5)])], ignore_index=True)
     names = np.array(list("abcd"))
@@ -204,7 +205,7 @@ def test_subjects_and_intervals():
         "background_s": 3600
     }
 
-    found = mean_over_people(touches, reports, background)
+    found = mean_over_subjects(touches, reports, background)
     each = touches.groupby("subject")["end_correct"].mean()
     assert found["end_correct"] == pytest.approx(each.mean()) != touches["end_correct"].mean()
     assert (
@@ -228,13 +229,13 @@ def test_the_interval_of_false_alarms_is_the_wider_of_bootstrap_and_poisson_and_
     assert shown == "0.0 [at most 2.3]"
 
 
-def sweep_of(rows):
+def sweep_table(rows):
     """Rows of a sweep from (offset, subject, hits, alarms, reports)."""
     return pd.DataFrame(rows, columns=["offset", "subject", "hits", "alarms", "reports"])
 
 
 def test_the_best_threshold_that_keeps_to_the_rate_counts():
-    table = sweep_of(
+    table = sweep_table(
         [
             *((-1.0, "a", 10, 30, 80), (-1.0, "b", 10, 0, 10)),  # reports always
             *((0.0, "a", 9, 4, 13), (0.0, "b", 9, 1, 11)),
@@ -255,7 +256,7 @@ def test_the_interval_is_that_of_drawings():
     people, offsets = list("abcdef"), np.arange(-2.0, 3.0)
     touches = dict(zip(people, [8, 5, 12, 9, 7, 0], strict=True))
     hours = dict(zip(people, [0.5, 0.2, 0.4, 0.6, 0.3, 0.4], strict=True))
-    table = sweep_of(
+    table = sweep_table(
         [
             (o, p, h := rng.integers(0, touches[p] + 1), a := rng.integers(0, 9), h + a)
             for p in people
@@ -291,7 +292,7 @@ def test_the_confidence_of_a_touch_is_that_of_its_last_label():
 
 
 def test_rejection_is_counted_by_each_folds_threshold():
-    """Touches of 1 s, one every 2 s; thresholds 0.5 and 0.2: of the known 0.6, 0.4 and 0.3 one lies below."""
+    """With thresholds 0.5 and 0.2, one of the known 0.6, 0.4 and 0.3 lies below."""
     rows = [
         ("a", "pat", 0.6),
         ("a", "pat", 0.4),
@@ -324,8 +325,8 @@ def test_rejection_is_counted_by_each_folds_threshold():
 
 
 @dataclass
-class Told:
-    """A watcher whose reports tell who its system was fitted to: a confidence for each held-out subject."""
+class SubjectWatcher:
+    """A watcher that reports a confidence for each held-out subject, and checks who trained it."""
 
     system: object
     reject: float = 0.5
@@ -333,7 +334,7 @@ class Told:
 
     def with_new_names(self, make_system, captures, recordings):
         assert {*recordings.subjects.tolist()} == {*captures.subjects.tolist()}
-        return Told(make_system().fit(captures, captures.gestures), 0.0, self.hears)
+        return SubjectWatcher(make_system().fit(captures, captures.gestures), 0.0, self.hears)
 
     def report_touches(self, corpus):
         assert self.reject == 0
@@ -363,7 +364,7 @@ def test_the_threshold_is_learned_on_subjects_whom_the_system_has_not_seen():
     whole = Corpus.from_captures(frames, pd.DataFrame({"subject": names, "gesture": ""}), 5.0)
     recordings = Recordings(whole, event_table([(i, 0, 9, "pat") for i in range(6)]))
     assert (
-        learn_reject(Fitted, captures, recordings, Told(None)) == 0.1
+        learn_reject(Fitted, captures, recordings, SubjectWatcher(None)) == 0.1
     )  # the lowest of six confidences, 0.1 to 0.6
     with pytest.raises(InputError, match="none was found"):
-        learn_reject(Fitted, captures, recordings, Told(None, hears=False))
+        learn_reject(Fitted, captures, recordings, SubjectWatcher(None, hears=False))

@@ -1,10 +1,10 @@
-"""What the commands on streams refuse, their help, and the numbers of runs, as golden files (``--golden``)."""
+"""Refusals and help of the commands on streams, and numbers of runs, as golden files."""
 
 from pathlib import Path
 
 import pytest
 
-from addons.streams.tests.made import TINY
+from addons.streams.tests.people import TINY
 from tests.net import numbers
 from tests.net.build import step
 from touchbench_streams import watch

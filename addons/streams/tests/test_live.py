@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from addons.chip.tests.compiled import STRICT, fitted, lacking, written
+from addons.chip.tests.compiled import STRICT, describe_missing, fit_recogniser, write_files
 from bench.cli import main
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
@@ -46,7 +46,7 @@ def test_a_decision_every_hop_and_one_where_a_capture_ends(lengths, hop_ms, long
 GOOD, SHORT = "0,9,9,9,9,9", "0,9,9"
 
 
-def recogniser(stopping=None):
+def make_recogniser(stopping=None):
     """A system at 100 Hz on 2 x 3 whose class stands in the first taxel."""
     corpus = coded_corpus()
     return Recogniser(Rising().fit(corpus, corpus.gestures), corpus, stopping)
@@ -54,7 +54,7 @@ def recogniser(stopping=None):
 
 @pytest.fixture
 def streamed(monkeypatch, capsys):
-    """A function from a system, lines and keys to exit code, printed lines and errors of ``bench live``."""
+    """A function that runs ``bench live`` and returns exit code, printed lines and errors."""
 
     def run(recogniser, lines, *words):
         monkeypatch.setattr("bench.running.saved.load_recogniser", lambda _: recogniser)
@@ -70,7 +70,7 @@ def streamed(monkeypatch, capsys):
 
 def test_standard_input_is_decided_on(streamed):
     lines = [GOOD] * 7 + [""] + ["2 9 9 9 9 9"] * 5
-    code, rows, errors = streamed(recogniser(), lines, "hop_ms=30")
+    code, rows, errors = streamed(make_recogniser(), lines, "hop_ms=30")
     # 30 ms are three frames: Rising is wrong, one class too far, and 3/4 sure
     expected = [
         "1,30,b,0.750,-",
@@ -87,10 +87,11 @@ def test_standard_input_is_decided_on(streamed):
 def test_a_label_is_settled_as_in_a_replay_that_saw_an_earlier_one(threshold, streamed):
     weights = dict.fromkeys(STATE, 0.0) | {"one": 0.9, "first": -0.5, "same": -0.3}
     calibration = Calibration(10.0, 120.0, 2.0, 0.5)
-    system = recogniser(Stopping(calibration, Waiting(tuple(weights.values())), threshold))
+    system = make_recogniser(Stopping(calibration, Waiting(tuple(weights.values())), threshold))
     _, lines, _ = streamed(system, [GOOD] * 10 + [""] + ["2 9 9 9 9 9"] * 5, "hop_ms=30")
     rows = [line.split(",") for line in lines[1:]]
-    # after 3 frames n / (n + 1) = 3/4 is expected to gain 0.9 - 0.375; then less, and less where the label stays:
+    # after 3 frames n / (n + 1) = 3/4 is expected to gain 0.9 - 0.375; then less, and less if the
+    # label stays:
     # 6 frames see 3 (another label), 9 see 6 and 10 see 6 (the same one); the second capture is new
     gain = [
         0.9 - 3 / 8,
@@ -115,12 +116,12 @@ def test_a_label_is_settled_as_in_a_replay_that_saw_an_earlier_one(threshold, st
 
 
 def test_a_bad_line_ends_the_stream_after_the_decisions_before_it(streamed):
-    code, rows, errors = streamed(recogniser(), [GOOD] * 4 + ["0,9,9,9,9,9999"], "hop_ms=20")
+    code, rows, errors = streamed(make_recogniser(), [GOOD] * 4 + ["0,9,9,9,9,9999"], "hop_ms=20")
     assert code == 2 and [row.split(",")[1:3] for row in rows[1:]] == [["20", "b"], ["40", "a"]]
     assert errors[-1].startswith("bench: line 5: 9999 ")
 
 
-class Listening:
+class ScriptedWatcher:
     """A watcher whose stream has a status for each frame, and reports every fourth frame."""
 
     def __init__(self, statuses):
@@ -170,8 +171,8 @@ ENDED = "{},ended,a,0.500".format
     ],
 )
 def test_an_endless_stream(lines, code, reported, told, streamed):
-    system = recogniser()
-    system.watcher = Listening(SHAKY if len(lines) > 99 else ["ok"] * 20)
+    system = make_recogniser()
+    system.watcher = ScriptedWatcher(SHAKY if len(lines) > 99 else ["ok"] * 20)
     ended, rows, errors = streamed(system, lines)
     assert (ended, rows[1:]) == (
         code,
@@ -186,7 +187,7 @@ def test_decisions_come_while_frames_come_and_control_c_ends_it(tmp_path):
     import mlflow
 
     mlflow.pyfunc.save_model(
-        str(tmp_path / "model"), **recogniser().mlflow_arguments([], np.zeros((2, 2, 3)))
+        str(tmp_path / "model"), **make_recogniser().mlflow_arguments([], np.zeros((2, 2, 3)))
     )
     process = subprocess.Popen(
         [*BENCH, "live", str(tmp_path / "model"), "hop_ms=20"],
@@ -217,9 +218,10 @@ FRAMES = (
     b"|1 2 3 1000.00001|1 2 3 -1e-60"  # 1000 and 0 in single precision
 )
 NO_FRAMES = (
-    b"000000000000000000000000000000001 2 3 4|1,2 3,4|1 2,3 4|1,2,3,4,|,1,2,3,4|1,,2,3|1,,2,3,4|1;2;3;4|,|1 2 3"
-    b"|1 2 3 4 5|0x1 2 3 4|1 2 3 0x1p3|nan 2 3 4|inf 2 3 4|1_0 2 3 4|1 2 3 -1|1 2 3 1001|1 2 3 1e39|1 2 3 1e400"
-    b"|1 2 3 4\0|\0|1 2\0 3 4|1\f2 3 4|\f|\v|1 2 3 4\f|1\r2 3 4|1 2 3 4\r\r|\xef\xbb\xbf1 2 3 4|1 2 3 1e|1 2 3 ."
+    b"000000000000000000000000000000001 2 3 4|1,2 3,4|1 2,3 4|1,2,3,4,|,1,2,3,4|1,,2,3|1,,2,3,4"
+    b"|1;2;3;4|,|1 2 3|1 2 3 4 5|0x1 2 3 4|1 2 3 0x1p3|nan 2 3 4|inf 2 3 4|1_0 2 3 4|1 2 3 -1"
+    b"|1 2 3 1001|1 2 3 1e39|1 2 3 1e400|1 2 3 4\0|\0|1 2\0 3 4|1\f2 3 4|\f|\v|1 2 3 4\f"
+    b"|1\r2 3 4|1 2 3 4\r\r|\xef\xbb\xbf1 2 3 4|1 2 3 1e|1 2 3 ."
     b"|1 2 3 1.2.3|1 2 3 --4|1 2 3 4d"
     b'|1,2,3,"4"'
     b"|\xd9\xa1 2 3 4|1\xc2\xa02 3 4"  # an Arabic digit, a blank that does not break
@@ -234,8 +236,8 @@ LINES = {
 }
 
 
-def inputs():
-    """Each line behind a frame, and before another or at the end: input, whether it ends, line and its kind."""
+def lines_in_context():
+    """Yield each line after a frame, before another or at the end: input, is last, line, kind."""
     for line, kind in LINES.items():
         yield b"9 9 9 9\n" + line + b"\n9 9 9 9\n", False, line, kind
         if len(line) != MOST:  # the end of the line counts
@@ -243,7 +245,7 @@ def inputs():
 
 
 def test_python_reads_the_grammar():
-    for text, ends, line, kind in inputs():
+    for text, ends, line, kind in lines_in_context():
         frames = read_frames(io.BytesIO(text), 4, 1000.0)
         next(frames)
         if kind == REFUSED:
@@ -253,17 +255,17 @@ def test_python_reads_the_grammar():
             assert (next(frames) is None) is (kind == BLANK), line
 
 
-@pytest.mark.skipif(bool(lacking("gcc")), reason=lacking("gcc"))
+@pytest.mark.skipif(bool(describe_missing("gcc")), reason=describe_missing("gcc"))
 def test_c_reads_the_same_grammar(tmp_path):
     """The C program of a small system; it decides on every frame."""
     rng = np.random.default_rng(0)
     labels = pd.DataFrame({"subject": ["1", "2"] * 2, "gesture": ["a", "a", "b", "b"]})
     arrays = [rng.integers(0, 1000, (20, 2, 2)) for _ in range(4)]
     corpus = Corpus.from_captures(arrays, labels, 50.0, full_scale=1000.0)
-    written(fitted(rf(Jung28(), trees=1), corpus), tmp_path)
+    write_files(fit_recogniser(rf(Jung28(), trees=1), corpus), tmp_path)
     call = ["gcc", *STRICT, "-DHOP_MS=1.0", "touch.c", "main.c", "-lm", "-o", "touch"]
     subprocess.run(call, cwd=tmp_path, check=True, capture_output=True)
-    for text, ends, line, kind in inputs():
+    for text, ends, line, kind in lines_in_context():
         done = subprocess.run([tmp_path / "touch"], input=text, capture_output=True, check=False)
         captures = [row.split(b",")[0] for row in done.stdout.splitlines()[1:]]
         expected = {

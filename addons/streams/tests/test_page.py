@@ -7,31 +7,43 @@ import pandas as pd
 import pytest
 
 import bench
-from addons.streams.tests.made import WATCHED, watched
+from addons.streams.tests.people import WATCHED, make_watch_result
 from bench.cli import main
 from bench.errors import InputError
 from bench.ground.typed import SMALL_SYSTEM
 from bench.reading.candidates import find_candidates
 from bench.reports import page
+from tests.reading.results import make_predictions, make_result
 from tests.reports.store import keep, tracked_run
 from tests.reports.test_report import HOSTILE
-from tests.results import made_up, result
 from touchbench_streams import page as watching
 
 
 def test_budgets_of_false_alarms_and_latency_choose_among_runs_of_watch_alone(store, capsys):
     tracked_run(
-        store, "cut", made_up(), data="haart", synthetic="false", subset="all", flash_bytes="1"
+        store,
+        "cut",
+        make_predictions(),
+        data="haart",
+        synthetic="false",
+        subset="all",
+        flash_bytes="1",
     )
     for each in (
-        watched("large", [0.8, 0.9, 0.7], alarms=2.3, latency=0.9, flash=9000.0),
-        watched(
+        make_watch_result("large", [0.8, 0.9, 0.7], alarms=2.3, latency=0.9, flash=9000.0),
+        make_watch_result(
             "small", [0.78, 0.9, 0.7], alarms=4.0, latency=1.0
         ),  # 0.67 points less, standard error 0.67
-        watched("loud", [0.9, 0.9, 0.9], alarms=6.2, latency=0.5, flash=100.0),
-        watched("other", [1.0, 1.0, 1.0], alarms=1.0, latency=0.5, **{"watch.background": "quiet"}),
-        watched("small", [0.8, 0.9, 0.7], alarms=1.0, latency=1.2, **{"watch.false_alarms": "2.0"}),
-        watched("strange", [1.0, 1.0, 1.0], alarms=1.0, latency=0.5, **{"watch.unknown": "pat"}),
+        make_watch_result("loud", [0.9, 0.9, 0.9], alarms=6.2, latency=0.5, flash=100.0),
+        make_watch_result(
+            "other", [1.0, 1.0, 1.0], alarms=1.0, latency=0.5, **{"watch.background": "quiet"}
+        ),
+        make_watch_result(
+            "small", [0.8, 0.9, 0.7], alarms=1.0, latency=1.2, **{"watch.false_alarms": "2.0"}
+        ),
+        make_watch_result(
+            "strange", [1.0, 1.0, 1.0], alarms=1.0, latency=0.5, **{"watch.unknown": "pat"}
+        ),
     ):
         keep(store, each)
     choice = bench.choose(max_false_alarms=5, max_latency="1s", why=True)
@@ -67,7 +79,9 @@ def test_the_rate_of_false_alarms_counts_people_without_touches_by_their_hours()
     people = pd.DataFrame({"subject": ["4", "5"], "end_correct": [float("nan"), 0.5]})
     people = people.assign(false_alarms_per_hour=[36.0, 0.0], background_s=[500.0, 1300.0])
     table = find_candidates(
-        [watched("lda", [0.5], 0.0, 1.0, tables={"per_subject": people})], {}, study="watch"
+        [make_watch_result("lda", [0.5], 0.0, 1.0, tables={"per_subject": people})],
+        {},
+        study="watch",
     ).table
     assert table["accuracy"][0] == 50 and table["false_alarms"][0] == pytest.approx(5 / 0.5)
 
@@ -83,7 +97,9 @@ def test_a_scene_of_an_endless_stream_scores_the_last_label(store, tmp_path):
     )
     keep(
         store,
-        watched("small", [0.5, 0.5, 0.5], alarms=2.0, latency=1.0, tables={"touches": touches}),
+        make_watch_result(
+            "small", [0.5, 0.5, 0.5], alarms=2.0, latency=1.0, tables={"touches": touches}
+        ),
     )
     for name, fact in {
         "wrong": "did you mean pat",
@@ -98,7 +114,7 @@ def test_a_scene_of_an_endless_stream_scores_the_last_label(store, tmp_path):
 
 
 def test_continuous_touch_on_the_page_alone_and_beside_runs_on_captures(quick, store):
-    keep(store, watched(HOSTILE, [0.5] * 3, alarms=40.0, latency=1.0))
+    keep(store, make_watch_result(HOSTILE, [0.5] * 3, alarms=40.0, latency=1.0))
 
     def written():
         page.write_report(store, Path("report"))
@@ -112,13 +128,14 @@ def test_continuous_touch_on_the_page_alone_and_beside_runs_on_captures(quick, s
         and not Path("report/comparison.csv").exists()
     )
     assert Path("report/figures/0-watch-1.svg").exists()
-    about = f"LOSO (10 subjects), 2 touches in 2 minutes of background: {HOSTILE}, detector=frames finds 90.0 percent"
+    about = "LOSO (10 subjects), 2 touches in 2 minutes of background: "
+    about += f"{HOSTILE}, detector=frames finds 90.0 percent"
     assert (
         about in words
         and "raises 40.0 false alarms per hour" in words
         and "latency is 1.00 s" in words
     )
-    tracked_run(store, "a", made_up(3))
+    tracked_run(store, "a", make_predictions(3))
     assert '<details id="continuous-touch">' in written()
 
 
@@ -126,10 +143,10 @@ def test_the_timeline_shows_touches_reports_and_what_was_missed():
     assert watching.frame_rate(WATCHED, 1.5) == 50  # 90 s of background
     numbers = {"background_minutes": 1.5, "touches_found": 0.5, "false_alarms_per_hour": 40.0}
     curve = pd.DataFrame({"offset": [0.0], "missed": [0.5], "false_alarms_per_hour": [40.0]})
-    one = result(
+    one = make_result(
         "$a$", "watch", numbers, {"predictions": WATCHED, "curve": curve}, synthetic="false"
     )
-    figure = watching.watching_figure([one], {})
+    figure = watching.draw_watch_figure([one], {})
     timeline, curves = figure.axes
     words = {text.get_text() for text in timeline.texts}
     assert words == {"pat", "rub (missed)", "tap → pat", "rub (false alarm)"}

@@ -1,4 +1,4 @@
-"""Recordings: events by hand, files that are refused, what is stored; composed from captures, and cut into them."""
+"""Recordings: reading, refusals, storing; composing from captures, and cutting into them."""
 
 import numpy as np
 import pandas as pd
@@ -45,34 +45,34 @@ def read(*given, **options):
     return restore_recordings(read_captures(*given, **options))
 
 
-def rows(labels=LABELS):
+def csv_rows(labels=LABELS):
     return [
         f"{'r1,ann' if i < 9 else 'r2,bob'},{label},{i},{2 * i}" for i, label in enumerate(labels)
     ]
 
 
-def csv(folder, lines=None, header=HEADER):
+def write_csv(folder, lines=None, header=HEADER):
     path = folder / "day.csv"
     path.write_text(
-        "".join(f"{line}\n" for line in (header, *(rows() if lines is None else lines)))
+        "".join(f"{line}\n" for line in (header, *(csv_rows() if lines is None else lines)))
     )
     return path
 
 
-def made(events, lengths=(9, 3)):
+def make_recordings(events, lengths=(9, 3)):
     """Recordings of one taxel whose readings count up."""
     frames = [np.arange(n, dtype=np.uint16).reshape(n, 1, 1) for n in lengths]
     captures = pd.DataFrame({"subject": [f"s{i}" for i in range(len(lengths))], "gesture": ""})
     return Recordings(Corpus.from_captures(frames, captures, 50.0), event_table(events))
 
 
-def listed(events):
+def event_rows(events):
     return list(events.itertuples(index=False, name=None))
 
 
-def refused(folder, *facts, lines=None, header=HEADER, **options):
+def check_refused(folder, *facts, lines=None, header=HEADER, **options):
     with pytest.raises(InputError) as error:
-        read(csv(folder, lines, header), **({"rate_hz": 50.0, "grid": "1x2"} | options))
+        read(write_csv(folder, lines, header), **({"rate_hz": 50.0, "grid": "1x2"} | options))
     message = str(error.value)
     assert all(fact in message for fact in facts) and "\n" not in message and len(message) <= 300, (
         message
@@ -80,9 +80,9 @@ def refused(folder, *facts, lines=None, header=HEADER, **options):
 
 
 def test_a_table_by_hand(tmp_path):
-    value = read(csv(tmp_path), 50.0, "1x2")
+    value = read(write_csv(tmp_path), 50.0, "1x2")
     assert (
-        listed(value.events) == EVENTS
+        event_rows(value.events) == EVENTS
     )  # pat follows rub at once: two events; a recording that ends ends its event
     assert value.events.dtypes.astype(str).tolist()[:3] == ["int64"] * 3
     assert value.corpus.captures.to_dict("list") == {
@@ -91,68 +91,66 @@ def test_a_table_by_hand(tmp_path):
         "recording": [0, 1],
     }
     assert (
-        read_captures(csv(tmp_path), 50.0, "1x2").captures["recording"].tolist()
+        read_captures(write_csv(tmp_path), 50.0, "1x2").captures["recording"].tolist()
         == ["r1"] * 7 + ["r2"] * 3
     )
     assert value.corpus.lengths.tolist() == [9, 3] and value.background_frames().tolist() == [4, 1]
     assert value.corpus[1].tolist() == [[[9, 18]], [[10, 20]], [[11, 22]]]
 
 
-def parquet(folder, **columns):
+def read_parquet(folder, **columns):
     pq.write_table(pa.table(columns), folder / "day.parquet")
     return read(folder / "day.parquet", 50.0, "1x2")
 
 
 def test_the_same_as_parquet_with_gaps_and_without_names(tmp_path):
     labels = [label.strip() if label.strip() not in ("", "none") else None for label in LABELS]
-    value = parquet(tmp_path, label=labels, frame=[*range(1, 13)], b=[*range(12)], a=[*range(12)])
+    value = read_parquet(
+        tmp_path, label=labels, frame=[*range(1, 13)], b=[*range(12)], a=[*range(12)]
+    )
     first = [
         *EVENTS[:3],
         (0, 8, 10, "pat"),
         (0, 11, 12, "rub"),
     ]  # now one recording: the pats touch each other
-    assert listed(value.events) == first and value.subjects.tolist() == ["1"]
+    assert event_rows(value.events) == first and value.subjects.tolist() == ["1"]
     assert "one subject" in value.corpus.info["warnings"][0]
-    numbers = parquet(
+    numbers = read_parquet(
         tmp_path, label=pa.array([None, 1, 1, 10, None], pa.int8()), a=[*range(5)], b=[*range(5)]
     )
-    assert listed(numbers.events) == [(0, 1, 3, "1"), (0, 3, 4, "10")]  # whole numbers are gestures
-
-
-def test_one_label_for_all_or_none(tmp_path):
-    assert listed(read(csv(tmp_path, rows(["pat"] * 12)), 50.0, "1x2").events) == [
-        (0, 0, 9, "pat"),
-        (1, 0, 3, "pat"),
-    ]
-    quiet = read(csv(tmp_path, rows([""] * 12)), 50.0, "1x2")
-    assert listed(quiet.events) == listed(
-        quiet[[1, 0]].events
-    ) == [] and quiet.background_frames().tolist() == [9, 3]
+    assert event_rows(numbers.events) == [
+        (0, 1, 3, "1"),
+        (0, 3, 4, "10"),
+    ]  # whole numbers are gestures
 
 
 def test_files_that_are_refused(tmp_path):
     for label in ("\u200b", "pat\u200b", "pa\xadt", "\u202epat"):  # labels that look the same
         lines = ["r1,ann,,1,2", f"r1,ann,{label},1,2"]
-        refused(tmp_path, "line 3: label is", "cannot be seen; correct it", lines=lines)
+        check_refused(tmp_path, "line 3: label is", "cannot be seen; correct it", lines=lines)
     for label in ("\u0645\u06cc\u200c\u062e", "\u00fc"):  # joiners that join
-        assert listed(read(csv(tmp_path, [f"r1,ann,{label},1,2"]), 50.0, "1x2").events) == [
-            (0, 0, 1, label)
-        ]
-    refused(tmp_path, "no column label", header=HEADER.replace("label", "gesture"))
-    refused(
+        assert event_rows(
+            read(write_csv(tmp_path, [f"r1,ann,{label},1,2"]), 50.0, "1x2").events
+        ) == [(0, 0, 1, label)]
+    check_refused(tmp_path, "no column label", header=HEADER.replace("label", "gesture"))
+    check_refused(
         tmp_path,
         "line 6",
         "recording 'r1' begins a second time",
-        lines=[*rows()[:3], rows()[10], *rows()[3:9]],
+        lines=[*csv_rows()[:3], csv_rows()[10], *csv_rows()[3:9]],
     )
-    refused(tmp_path, "line 3", "subject is empty", lines=[rows()[0], "r1,,pat,1,2"])
-    refused(
+    check_refused(tmp_path, "line 3", "subject is empty", lines=[csv_rows()[0], "r1,,pat,1,2"])
+    check_refused(
         tmp_path, "delete the column gesture", header=HEADER + ",gesture", lines=["r,a,pat,1,2,pat"]
     )
-    extra = [f"{i if i != 4 else 7},{line}" for i, line in enumerate(rows()[:9])]
-    refused(tmp_path, "line 6", "frame 7 follows frame 3", header=f"frame,{HEADER}", lines=extra)
-    covers = [f"{'fur' if i < 4 else 'skin'},{line}" for i, line in enumerate(rows()[:9])]
-    refused(tmp_path, "line 6", "cover changes within", header=f"cover,{HEADER}", lines=covers)
+    extra = [f"{i if i != 4 else 7},{line}" for i, line in enumerate(csv_rows()[:9])]
+    check_refused(
+        tmp_path, "line 6", "frame 7 follows frame 3", header=f"frame,{HEADER}", lines=extra
+    )
+    covers = [f"{'fur' if i < 4 else 'skin'},{line}" for i, line in enumerate(csv_rows()[:9])]
+    check_refused(
+        tmp_path, "line 6", "cover changes within", header=f"cover,{HEADER}", lines=covers
+    )
 
 
 def test_an_event_with_the_name_of_gaps_is_refused():
@@ -160,21 +158,21 @@ def test_an_event_with_the_name_of_gaps_is_refused():
         InputError,
         match="event 0 .*frames 2 to 4.* is called background, .* empty label; correct it",
     ):
-        cut_into_captures(made([(1, 2, 4, "background")], (9, 5)))
+        cut_into_captures(make_recordings([(1, 2, 4, "background")], (9, 5)))
 
 
 def test_some_of_the_recordings_keep_their_events():
-    value = made([*EVENTS, (3, 1, 2, "tap")], lengths=(9, 3, 5, 4))
+    value = make_recordings([*EVENTS, (3, 1, 2, "tap")], lengths=(9, 3, 5, 4))
     some = value[np.array([3, 2, 1])]
-    assert listed(some.events) == [(0, 1, 2, "tap"), (2, 0, 1, "pat"), (2, 2, 3, "rub")]
+    assert event_rows(some.events) == [(0, 1, 2, "tap"), (2, 0, 1, "pat"), (2, 2, 3, "rub")]
     assert some.subjects.tolist() == ["s3", "s2", "s1"] and some.background_frames().tolist() == [
         3,
         5,
         1,
     ]
     assert (
-        listed(value[value.subjects == "s1"].events)
-        == listed(value[1].events)
+        event_rows(value[value.subjects == "s1"].events)
+        == event_rows(value[1].events)
         == [(0, *e[1:]) for e in EVENTS[4:]]
     )
     assert some.frame_labels().tolist() == ["", "tap", "", "", *[""] * 5, "pat", "", "rub"]
@@ -192,7 +190,7 @@ def test_labels_become_events_and_labels_again(labels):
     events = find_events(
         np.array([label or None for label in flat], dtype=object), np.array(lengths)
     )
-    value = Recordings(made([], lengths).corpus, events)
+    value = Recordings(make_recordings([], lengths).corpus, events)
     assert value.frame_labels().tolist() == flat
     expected = []  # frame by frame
     for number, one in enumerate(labels):
@@ -201,13 +199,13 @@ def test_labels_become_events_and_labels_again(labels):
                 expected[-1] = (*expected[-1][:2], i + 1, label)
             elif label:
                 expected.append((number, i, i + 1, label))
-    assert listed(events) == expected
+    assert event_rows(events) == expected
 
 
 def test_what_is_imported_is_loaded_again_and_serves_as_captures_cut_at_its_labels(
     tmp_path, capsys
 ):
-    path = csv(tmp_path)
+    path = write_csv(tmp_path)
     direct = read_captures(path, 50.0, "1x2")
     assert (
         main(["data", "import", "recording", str(path), *(f"{k}={v}" for k, v in OPTIONS.items())])
@@ -239,7 +237,7 @@ def test_what_is_imported_is_loaded_again_and_serves_as_captures_cut_at_its_labe
     )
     import_corpus(
         "recording",
-        csv(tmp_path, [line.replace(line.split(",")[2], "") for line in rows()]),
+        write_csv(tmp_path, [line.replace(line.split(",")[2], "") for line in csv_rows()]),
         OPTIONS,
     )
     with pytest.raises(InputError, match="all captures are background or .; label"):
@@ -247,8 +245,8 @@ def test_what_is_imported_is_loaded_again_and_serves_as_captures_cut_at_its_labe
 
 
 def test_recordings_and_captures_are_not_mistaken_for_each_other(tmp_path):
-    import_corpus("recording", csv(tmp_path), OPTIONS)
-    captures = csv(tmp_path, ["ann,pat,0,1,2"], "subject,gesture,frame,a,b")
+    import_corpus("recording", write_csv(tmp_path), OPTIONS)
+    captures = write_csv(tmp_path, ["ann,pat,0,1,2"], "subject,gesture,frame,a,b")
     import_corpus("table", captures, OPTIONS | {"name": "cut"})
     with pytest.raises(
         InputError, match="cut holds captures, not recordings; use bench run data=cut"
@@ -258,12 +256,6 @@ def test_recordings_and_captures_are_not_mistaken_for_each_other(tmp_path):
         load_recordings("leg")
     import_corpus("table", captures, OPTIONS)  # takes the name of the recordings
     assert len(open_corpus("arm", {})) == 1
-
-
-def test_another_event_is_another_digest():
-    other, shorter = ([(0, 1, *event), *EVENTS[1:]] for event in ((3, "tap"), (2, "pat")))
-    every = (EVENTS, [*EVENTS], other, shorter, [])
-    assert len({content_digest(cut_into_captures(made(events))) for events in every}) == 4
 
 
 def test_generated_recordings_are_those_of_their_parameters_and_are_stored():
@@ -304,8 +296,8 @@ def test_generated_recordings_are_those_of_their_parameters_and_are_stored():
     )  # drift
 
 
-def numbered(subjects=("a", "b"), rate_hz=10.0):
-    """Captures whose frames tell which capture and frame they are: 1000 * capture + frame; one taxel."""
+def numbered_captures(subjects=("a", "b"), rate_hz=10.0):
+    """Captures of one taxel whose readings number them: 1000 * capture + frame."""
     rows = [(s, g, v) for s in subjects for g in ("pat", "rub", "none") for v in ("hard", "soft")]
     lengths = [70 if g == "none" else 35 + 5 * i for i, (_, g, _) in enumerate(rows)]
     arrays = [
@@ -318,7 +310,7 @@ def numbered(subjects=("a", "b"), rate_hz=10.0):
 
 
 def test_a_recording_is_made_of_excerpts_of_the_subject_alone():
-    corpus = numbered(tuple("abcdef"))
+    corpus = numbered_captures(tuple("abcdef"))
     recordings = compose_recordings(*split_touch_and_background(corpus, "none"))
     of = corpus.captures
     for i, subject in enumerate(recordings.subjects):
@@ -346,7 +338,7 @@ def test_a_recording_is_made_of_excerpts_of_the_subject_alone():
 
 
 def test_a_subject_has_the_same_recording_whoever_else_is_there():
-    corpus = numbered()
+    corpus = numbered_captures()
     both = compose_recordings(*split_touch_and_background(corpus, "none"))
     one = compose_recordings(
         *split_touch_and_background(corpus[np.flatnonzero(corpus.subjects == "b")], "none")
@@ -362,7 +354,8 @@ def test_quiet_ends_of_captures():
     table = pd.DataFrame({"subject": ["a"], "gesture": ["pat"]})
     corpus = Corpus.from_captures([pressure], table, rate_hz=16.0)
     touches, quiet = split_touch_and_background(corpus, "quiet")
-    # a tenth of the range is 1: frames 4 to 15 are touched (1 is not below a tenth); a quarter of a second is 4 frames
+    # a tenth of the range is 1: frames 4 to 15 are touched (1 is not below a tenth);
+    # a quarter of a second is 4 frames
     assert touches[0][:, 0, 0].tolist() == pressure[4:16, 0, 0].tolist()
     assert [each[:, 0, 0].tolist() for each in quiet] == [[0, 0, 0, 0], [0, 0, 0, 0, 0, 0]]
     with pytest.raises(InputError, match="background=quiet"):
@@ -374,7 +367,7 @@ def test_quiet_ends_of_captures():
 
 
 def test_a_subject_without_background_is_refused():
-    corpus = numbered()
+    corpus = numbered_captures()
     lacking = corpus[((corpus.subjects != "b") | (corpus.gestures != "none")).nonzero()[0]]
     with pytest.raises(InputError, match="subject b"):
         compose_recordings(*split_touch_and_background(lacking, "none"))
@@ -396,7 +389,7 @@ def test_captures_of_recordings_are_their_frames_and_make_them_again(plans):
             if gesture
         ]
         lengths.append(ends[-1])
-    recordings = made(rows, lengths)
+    recordings = make_recordings(rows, lengths)
     captures = cut_into_captures(recordings)
     every = np.concatenate([np.arange(n) for n in lengths])  # every frame once, in order
     assert np.array_equal(np.concatenate([*captures])[:, 0, 0], every)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import bench
-from addons.chip.tests.compiled import lacking
+from addons.chip.tests.compiled import describe_missing
 from addons.chip.tests.test_chip import WATCHED
-from addons.streams.tests.made import day
+from addons.streams.tests.people import import_day
 from bench.cli import main
 from bench.running.saved import FORMAT, load_recogniser
 from bench.store.client import connect
@@ -20,8 +20,8 @@ from touchbench_chip.write import write_c_sources
 
 
 def test_a_saved_model_watches_with_the_detector_that_was_asked_for_in_its_format(golden):
-    """The golden file of a format stays as it is: raise `bench.running.saved.FORMAT` and write that of the new one."""
-    day()
+    """For other attributes, raise `bench.running.saved.FORMAT` and write its golden file."""
+    import_day()
     given = {"detector": "frames", "detector.wait": 0.5, "false_alarms": 40, "model.window": 0.5}
     fitted = bench.fit(data="day", model="lda", features="touch", out="rec", **given)
     params = connect().client.get_run(fitted.run_id).data.params
@@ -30,7 +30,9 @@ def test_a_saved_model_watches_with_the_detector_that_was_asked_for_in_its_forma
     assert recogniser.watcher.detector.wait == 0.5
     assert json.dumps(recogniser.watcher.chosen) == json.dumps(kept.watcher.chosen)
     assert "int touch_watch(" in write_c_sources(recogniser, 32, "")["touch.c"]
-    stream = recogniser.watcher.open_stream(recogniser.grid, recogniser.rate_hz, recogniser.full_scale)
+    stream = recogniser.watcher.open_stream(
+        recogniser.grid, recogniser.rate_hz, recogniser.full_scale
+    )
     assert all(stream.push(np.zeros(recogniser.grid, np.float32)) == [] for _ in range(100))
     names = sorted(Attributes(kept).names.items())
     golden(
@@ -40,7 +42,7 @@ def test_a_saved_model_watches_with_the_detector_that_was_asked_for_in_its_forma
 
 
 class Attributes(pickle.Pickler):
-    """Names of the attributes of touchbench's objects in an object, by class; with shapes of a detector's arrays."""
+    """Names of attributes inside an object, by class; with shapes of a detector's arrays."""
 
     def __init__(self, thing):
         super().__init__(io.BytesIO())
@@ -60,11 +62,13 @@ class Attributes(pickle.Pickler):
 
 
 def test_a_detector_without_c_is_not_exported(tmp_path, capsys):
-    day()
+    import_day()
     (tmp_path / "my.py").write_text(
-        "from touchbench_streams.detectors.threshold import Threshold\nclass Mine(Threshold): pass\n"
+        "from touchbench_streams.detectors.threshold import Threshold\n"
+        "class Mine(Threshold): pass\n"
     )
-    words = "data=day model=lda features=touch model.window=0.5 stopping=no out=rec detector=my.py:Mine".split()
+    words = "data=day model=lda features=touch model.window=0.5 stopping=no out=rec".split()
+    words.append("detector=my.py:Mine")
     assert main(["fit", *words]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert f"detector={tmp_path / 'my.py'}:Mine finds touches in a stream" in lines
@@ -73,7 +77,7 @@ def test_a_detector_without_c_is_not_exported(tmp_path, capsys):
     assert "detector=mine has no C; use frames or threshold" in capsys.readouterr().err
 
 
-@pytest.mark.skipif(bool(lacking("cc")), reason=lacking("cc"))
+@pytest.mark.skipif(bool(describe_missing("cc")), reason=describe_missing("cc"))
 def test_watching_is_measured_where_captures_can_teach_it(costs, monkeypatch, capsys):
     words = [
         "run",
@@ -91,7 +95,9 @@ def test_watching_is_measured_where_captures_can_teach_it(costs, monkeypatch, ca
         in capsys.readouterr().err
     )
     monkeypatch.setattr("bench.commands.printing.WIDTH", 250)
-    monkeypatch.setattr("touchbench_streams.teaching.usual_background", lambda corpus, background: "press")
+    monkeypatch.setattr(
+        "touchbench_streams.teaching.default_background", lambda corpus, background: "press"
+    )
     assert main([*words, "data.repetitions=2", "detector=threshold"]) == 0
     printed = capsys.readouterr()
     assert "not measured" not in printed.err

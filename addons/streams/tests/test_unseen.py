@@ -1,10 +1,10 @@
-"""Nothing is learned from doubtful stretches (`?`), or from further background of a test subject."""
+"""Nothing is learned from doubtful stretches (`?`) or a test subject's further background."""
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from addons.streams.tests.made import PEOPLE, day, plan_of_day, stored
+from addons.streams.tests.people import PEOPLE, import_day, import_recordings, make_day_plan
 from bench.corpora.corpus import Corpus
 from bench.corpora.library import captures_with_gesture
 from bench.errors import InputError
@@ -22,8 +22,8 @@ from touchbench_streams.stored import join_background, load_background
 from touchbench_streams.study import Continuous
 
 
-def doubted(first):
-    """The labels of these people; of each, one touch and the second half of another one are doubtful."""
+def doubtful_labels(first):
+    """Labels of `PEOPLE` with one doubtful touch and the second half of another one, of each."""
     labels, firsts = PEOPLE.frame_labels(), np.cumsum(PEOPLE.corpus.lengths) - PEOPLE.corpus.lengths
     for i, begin in enumerate(firsts):
         events = (
@@ -42,26 +42,26 @@ def doubted(first):
     return labels
 
 
-def fold_of(labels, noise):
-    """The fold of `bench watch` that trains on subjects 2 and 3; doubtful readings of some subjects are noise."""
+def evaluate_with_noise(labels, noise):
+    """Evaluate the fold that trains on subjects 2 and 3, with noise in doubtful stretches."""
     frames = PEOPLE.corpus.frames.copy()
     changed = (labels == "?") & np.isin(np.repeat(PEOPLE.subjects, PEOPLE.corpus.lengths), noise)
     frames[changed] = np.random.default_rng(3).integers(0, 1024, frames[changed].shape)
-    day(labels, frames)
-    plan = plan_of_day()
+    import_day(labels, frames)
+    plan = make_day_plan()
     return Continuous().evaluate_fold(plan.cell, plan.corpus, plan.folds[0], 1)
 
 
 def test_readings_in_doubtful_stretches_change_nothing_that_is_learned():
-    labels = doubted(3)
-    one, other = (fold_of(labels, noise) for noise in ([], ["2", "3"]))
+    labels = doubtful_labels(3)
+    one, other = (evaluate_with_noise(labels, noise) for noise in ([], ["2", "3"]))
     assert one.chosen == other.chosen
     pd.testing.assert_frame_equal(one.trials, other.trials)
     pd.testing.assert_frame_equal(one.table, other.table)
 
 
 def test_scores_by_hand():
-    """At 10 Hz the collar has 5 frames; of 36,000 frames, 100 are a touch and 3,600 are doubtful."""
+    """At 10 Hz the collar has 5 frames; of 36,000, 100 are a touch and 3,600 are doubtful."""
     stretches = [
         ("touch", 1000, 1100, "pat"),
         ("doubtful", 1100, 4600, "?"),
@@ -154,53 +154,39 @@ STILL = {"4": 900, "1": 450}  # frames of further background by subject
 @pytest.fixture
 def imported():
     """Recordings with touches (``day``), and further ones without (``still``)."""
-    day()
-    return still(0)
+    import_day()
+    return import_still(0)
 
 
-def still(seed, changed=""):
-    """Import readings of further background, in which the readings of one subject can be replaced."""
+def import_still(seed, changed=""):
+    """Import further background, in which the readings of one subject can be replaced."""
     subjects = np.repeat([*STILL], [*STILL.values()])
     frames = np.random.default_rng(7).integers(0, 9, (len(subjects), 9))
     frames[subjects == changed] = np.random.default_rng(seed).integers(
         0, 1024, (np.sum(subjects == changed), 9)
     )
-    return stored("still", frames, [""] * len(subjects), subjects)
-
-
-def test_recordings_of_a_test_subject_are_left_out(imported):
-    corpus = cut_into_captures(PEOPLE)
-    taught = restore_recordings(corpus[np.isin(corpus.subjects, ["2", "3"])])
-    both = join_background(taught, load_background("still", corpus), np.array(["1"]))
-    assert both.subjects.tolist() == ["2", "3", "4"]
-    assert both.corpus.captures["recording"].nunique() == 3
-    pd.testing.assert_frame_equal(both.events, taught.events)
-    assert both.background_frames().sum() == taught.background_frames().sum() + STILL["4"]
-    np.testing.assert_array_equal(both.corpus[0], taught.corpus[0])
-    np.testing.assert_array_equal(
-        both.corpus[2], restore_recordings(imported).corpus[int(imported.subjects[1] == "4")]
-    )
+    return import_recordings("still", frames, [""] * len(subjects), subjects)
 
 
 def test_what_a_test_subject_recorded_changes_nothing_and_what_others_did_counts(imported):
     plan, kind = (
-        plan_of_day(),
+        make_day_plan(),
         Continuous(detector="threshold", background="still", false_alarms=2.0),
     )
     one, identity = kind.evaluate_fold(plan.cell, plan.corpus, plan.folds[0], 1), kind.identity()
-    still(3, "1")
+    import_still(3, "1")
     assert kind.identity() != identity
     tested = kind.evaluate_fold(plan.cell, plan.corpus, plan.folds[0], 1)
     pd.testing.assert_frame_equal(one.trials, tested.trials)
     assert one.chosen == tested.chosen
-    still(3, "4")
+    import_still(3, "4")
     assert not kind.evaluate_fold(plan.cell, plan.corpus, plan.folds[0], 1).trials.equals(
         one.trials
     )
 
 
 def test_further_background_makes_lower_rates_learnable(imported):
-    plan = plan_of_day()
+    plan = make_day_plan()
     quiet = (
         min(PEOPLE.background_frames()[~(PEOPLE.subjects == out)].sum() for out in PEOPLE.subjects)
         / 15
@@ -216,6 +202,6 @@ def test_further_background_makes_lower_rates_learnable(imported):
 
 
 def test_further_background_of_another_rate_is_refused():
-    stored("fast", np.zeros((60, 9), int), [""] * 60, ["9"] * 60, "30")
+    import_recordings("fast", np.zeros((60, 9), int), [""] * 60, ["9"] * 60, "30")
     with pytest.raises(InputError, match=r"rate_hz is 30.*not 15"):
         load_background("fast", PEOPLE.corpus)

@@ -2,13 +2,14 @@
 
 from contextlib import nullcontext
 from types import SimpleNamespace
+from unittest import mock
 
 import mlflow
 import numpy as np
 import pandas as pd
 import pytest
 
-from addons.streams.tests.made import TINY, generated, leaving_out
+from addons.streams.tests.people import TINY, fold_without, generate_people
 from bench.cli import main
 from bench.corpora import faults
 from bench.corpora.corpus import Corpus
@@ -29,7 +30,7 @@ from touchbench_streams.detectors.frames import Frames
 from touchbench_streams.detectors.threshold import Threshold
 from touchbench_streams.detectors.ticks import learn_watcher
 from touchbench_streams.fold import make_recordings, run_numbers
-from touchbench_streams.page import rows_under, watch_section
+from touchbench_streams.page import fault_rows, make_watch_exhibits
 from touchbench_streams.recordings import Recordings, cut_into_captures
 from touchbench_streams.stress import apply_fault
 from touchbench_streams.study import Continuous
@@ -38,7 +39,7 @@ from touchbench_streams.study import Continuous
 @pytest.fixture(scope="module")
 def recordings():
     """Four generated people with one touch of each of a few gestures, at 20 frames a second."""
-    return generated(subjects=4, rate_hz=20.0)
+    return generate_people(subjects=4, rate_hz=20.0)
 
 
 @pytest.mark.parametrize("detector, unknown", [("frames", ""), ("threshold", "pat")])
@@ -54,7 +55,7 @@ def test_nothing_of_a_test_subject_is_learned(detector, unknown, recordings):
     tested = np.repeat(corpus.subjects == "4", corpus.lengths)
     frames[tested] = frames[tested][::-1]
     other = corpus.with_fields(captures=table, frames=frames)
-    kind, fold = Continuous(detector, unknown=unknown), leaving_out("4", corpus)
+    kind, fold = Continuous(detector, unknown=unknown), fold_without("4", corpus)
     results = [kind.evaluate_fold(cell, each, fold, 1) for each in (corpus, other)]
     assert results[0].chosen == results[1].chosen and (
         float(str(results[0].chosen["reject"])) > 0
@@ -80,7 +81,7 @@ def test_false_alarms_of_a_person_without_touches_count():
     assert tables["per_subject"]["false_alarms_per_hour"].tolist() == pytest.approx([6])
 
 
-def relabelled(recordings, names=None, untouched=()):
+def relabel(recordings, names=None, untouched=()):
     """The same with other names of gestures, and people whose touches are not labelled."""
     events = recordings.events.replace({"gesture": names or {}})
     kept = ~np.isin(recordings.subjects[events["recording"]], [*untouched])
@@ -105,10 +106,8 @@ def test_recordings_that_cannot_be_watched_are_refused_before_training(
     changes, options, fact, recordings
 ):
     (cell,) = make_cells({"data": "synth", "model": "lda", "features": "touch"})
-    corpus = (
-        relabelled(recordings, **changes) if changes else random_corpus(gestures=("pat", "quiet"))
-    )
-    folds = [leaving_out(name, corpus) for name in "12"]
+    corpus = relabel(recordings, **changes) if changes else random_corpus(gestures=("pat", "quiet"))
+    folds = [fold_without(name, corpus) for name in "12"]
     with pytest.raises(InputError, match=fact) if fact else nullcontext():
         Continuous(**options).refuse_plan(
             SimpleNamespace(corpus=corpus, cell=cell, mixes_subjects=False, folds=folds)
@@ -125,7 +124,8 @@ def test_the_command_stores_what_it_prints_and_goes_on_with_a_detector_of_a_file
     quick, few_gestures, tmp_path, capsys
 ):
     (tmp_path / "my.py").write_text(
-        "from touchbench_streams.detectors.threshold import Threshold\nclass Mine(Threshold): pass\n"
+        "from touchbench_streams.detectors.threshold import Threshold\n"
+        "class Mine(Threshold): pass\n"
     )
     words = ["watch", *TINY, "model=lda", "features=touch", "detector=my.py:Mine", "detector.up=30"]
     words += ["false_alarms=60", "under=noise"]
@@ -145,7 +145,7 @@ def test_the_command_stores_what_it_prints_and_goes_on_with_a_detector_of_a_file
         and "already stored" in capsys.readouterr().err
         and len(runs("watch")[1]) == 1
     )
-    (sentence, *_) = watch_section(load_results(connect()), tmp_path, {})[0].sentences
+    (sentence, *_) = make_watch_exhibits(load_results(connect()), tmp_path, {})[0].sentences
     assert "detector=my.py:Mine[up=30.0]" in sentence and main(["report"]) == 0
 
 
@@ -165,25 +165,26 @@ SCORES = ("touches_found", "first_correct", "end_correct", "false_alarms_per_hou
 
 
 @pytest.fixture
-def damages(monkeypatch):
+def damages():
     """Two further faults: a skin without any contact, and one that changes nothing."""
-    monkeypatch.setattr(faults, "FAULTS", dict(FAULTS))
 
-    @fault("% of all", 1, 2, 3, 4, 5)
-    def dead(frames, amount, rng):
-        return np.zeros_like(frames)
+    with mock.patch.dict(FAULTS):
 
-    @fault("% of nothing", 1, 2, 3, 4, 5)
-    def none_at_all(frames, amount, rng):
-        return frames
+        @fault("% of all", 1, 2, 3, 4, 5)
+        def dead(frames, amount, rng):
+            return np.zeros_like(frames)
 
-    return dead.__name__, none_at_all.__name__
+        @fault("% of nothing", 1, 2, 3, 4, 5)
+        def none_at_all(frames, amount, rng):
+            return frames
+
+        yield dead.__name__, none_at_all.__name__
 
 
 def test_a_dead_skin_finds_nothing_and_no_fault_is_bench_watch(recordings, damages):
     (cell,) = make_cells({"data": "synth", "model": "lda", "features": "touch"})
     corpus = cut_into_captures(recordings)
-    fold = leaving_out("3", corpus)
+    fold = fold_without("3", corpus)
     plain, kind = (Continuous("threshold", 60.0, under=under) for under in ((), damages))
     alone, both = (
         plain.evaluate_fold(cell, corpus, fold, 1),
@@ -206,7 +207,7 @@ def test_a_dead_skin_finds_nothing_and_no_fault_is_bench_watch(recordings, damag
     assert dead["false_alarms_per_hour"] == dead["refused"] == 0  # `threshold` refuses nothing
     assert under["touches_found.dead.3"] == 0 and under["refused.dead.3"] == dead["refused"]
     assert both.tracked_metrics["touches_found.none_at_all.1"] == watched["touches_found"]
-    shown = rows_under(result_of("lda", "watch", under.metrics, under.tables))
+    shown = fault_rows(result_of("lda", "watch", under.metrics, under.tables))
     assert [row["case"] for row in shown[:2]] == ["none", "dead 1"]
 
 

@@ -1,4 +1,4 @@
-"""What endless streams add to ``bench``: the commands ``watch`` and ``live``, and keys of ``fit``."""
+"""Commands ``watch`` and ``live``, and keys of ``bench fit``, for endless streams."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ FINDS = Option(
     "detector",
     "text",
     DETECTOR,
-    "finds the touches of a stream: {touchbench_streams.detectors}, or my.py:Mine; detector.NAME= sets a parameter",
+    "finds the touches of a stream: {touchbench_streams.detectors}, or my.py:Mine; "
+    "detector.NAME= sets a parameter",
 )
 ALARMS = Option(
     "false_alarms",
@@ -35,28 +36,32 @@ ALARMS = Option(
     FALSE_ALARMS,
     "false alarms per hour of background accepted in training",
 )
-IDLE = Option("background", "text", "", "background of the stream, as of bench watch")
+IDLE = Option("background", "text", "", "background of the stream, as for bench watch")
 WATCHES = Command(
     "compare",
     "find touches in continuous recordings: false alarms, misses, latency",
-    "Each fold trains on captures, and learns when to report a touch from recordings of training subjects. "
-    "It then watches the recordings of the test subjects. data=synth and imported recordings are used as "
-    "they are. From other corpora, one recording per subject is composed: excerpts of 2 to 6 s of each "
-    "capture, with 3 to 10 s of background between them. Prints touches found, correct gestures when first "
-    "reported and at the end, false alarms per hour of background, latency and reports per touch. "
-    "Refused frames are counted if there are any. under= repeats this with faults of the test sensors.",
-    f"bench watch data=haart protocol=loso {SMALL_SYSTEM}\nbench watch data=haart model=reflex false_alarms=2\n"
-    "bench watch data=haart model=lda features=touch detector=frames,threshold under=noise,vibration,drift",
+    "Each fold trains on captures, and learns when to report a touch from recordings of training "
+    "subjects. It then watches the recordings of the test subjects. data=synth and imported "
+    "recordings are used as they are. From other corpora, one recording per subject is composed: "
+    "excerpts of 2 to 6 s of each capture, with 3 to 10 s of background between them. Prints "
+    "touches found, correct gestures when first reported and at the end, false alarms per hour of "
+    "background, latency and reports per touch. Refused frames are counted if there are any. "
+    "under= repeats this with faults of the test sensors.",
+    f"bench watch data=haart protocol=loso {SMALL_SYSTEM}\n"
+    "bench watch data=haart model=reflex false_alarms=2\n"
+    "bench watch data=haart model=lda features=touch detector=frames,threshold "
+    "under=noise,vibration,drift",
     makes="watch",
 )
 LIVE = Command(
     "ship",
     "classify frames from standard input with a saved model",
-    "Reads one frame per line: values in row-major order, separated by commas or blanks, at most 32 characters "
-    "each. If the model can watch an endless stream, each news of a touch (reported, changed, ended) prints ms, "
-    "news, label and confidence. Otherwise, or with events=no, an empty line ends a capture, and each decision "
-    "prints capture, ms, label, confidence and settled. settled is yes once waiting would gain too little. "
-    f"MODEL is as for bench predict. {TRUST_NOTE}",
+    "Reads one frame per line: values in row-major order, separated by commas or blanks, at most "
+    "32 characters each. If the model can watch an endless stream, it prints a line (ms, news, "
+    "label, confidence) when a touch is reported, changed or ended. Otherwise, or with events=no, "
+    "an empty line ends a capture, and each decision prints capture, ms, label, confidence and "
+    "settled. settled is yes once waiting would gain too little. MODEL is as for bench predict. "
+    f"{TRUST_NOTE}",
     "sensor | bench live models:/m-0123456789abcdef",
     "MODEL [events=no] [hop_ms=125]",
     module="touchbench_streams.commands",
@@ -73,7 +78,7 @@ LIVE = Command(
 
 
 def live(arguments: list[str]) -> int:
-    """Classify frames from standard input until it ends."""
+    """Run ``bench live``: classify frames from standard input until it ends."""
     words, values = parse_words(arguments, key_options("live"), 1)
     if not words:
         raise InputError("give the address or folder that bench fit printed: bench live MODEL")
@@ -81,5 +86,5 @@ def live(arguments: list[str]) -> int:
         raise InputError("bench live: standard input is closed; send frames to it")
     from touchbench_streams.live import run_stream
 
-    given = typed_settings("live", values)
-    return run_stream(words[0], float(given["hop_ms"]), given["events"])
+    settings = typed_settings("live", values)
+    return run_stream(words[0], float(settings["hop_ms"]), settings["events"])

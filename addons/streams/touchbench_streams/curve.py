@@ -14,61 +14,69 @@ COUNTS = ["hits", "alarms", "reports"]
 
 
 def pool_sweeps(table: pd.DataFrame) -> pd.DataFrame:
-    """Counts of each threshold that all folds tried: columns ``hits``, ``alarms``, ``reports`` by offset and subject.
+    """Counts at each threshold that all folds tried, by offset and subject.
 
-    Folds learn other thresholds; an offset is the distance from the learned one. Rows are of kind ``curve``.
+    The folds learn different thresholds; an offset is the distance from the learned one.
+
+    Args:
+        table: rows of kind ``curve``.
+
+    Returns:
+        Columns ``hits``, ``alarms`` and ``reports``.
     """
     counts = table.groupby(["offset", "subject"])[COUNTS].sum()
-    people = table["subject"].nunique()
-    return counts[counts.groupby("offset")["hits"].transform("size") == people]
+    subjects = table["subject"].nunique()
+    return counts[counts.groupby("offset")["hits"].transform("size") == subjects]
 
 
 def missed_at(counts: pd.DataFrame, touches: pd.Series, hours: pd.Series) -> dict[str, float]:
-    """The lowest share of missed touches at so many false alarms per hour, of all thresholds around the learned ones.
+    """The lowest share of missed touches at some false-alarm rates, with 95 % intervals.
 
-    A threshold counts only if a touch has at most `MOST_REPORTS` reports: others find each touch by reporting always.
-    The 95 % interval is that of the same number in drawings of subjects; none for too few of them (`bench.values.few`).
+    All thresholds around the learned ones are tried. A threshold counts only if a touch has at most
+    `MOST_REPORTS` reports: others find every touch by reporting all the time. The interval is a
+    bootstrap over subjects; it is NaN for too few of them (`bench.values.few`).
 
     Args:
         counts: result of `pool_sweeps`.
         touches: number of touches of each subject.
         hours: hours of background of each subject.
     """
-    people = [*hours.index]
+    subjects = [*hours.index]
     if not len(counts):
         return {}
-    table = counts.unstack("subject").reindex(columns=pd.MultiIndex.from_product([COUNTS, people]))
-    cube = table.to_numpy(np.float64).reshape(len(table), len(COUNTS), len(people))
-    sizes = np.stack([touches.reindex(people, fill_value=0), hours]).astype(np.float64)
-    once = np.ones((1, len(people)), np.int64)
-    drawn = draw_weights([len(people)])[0] if len(people) >= few.FEWEST_FOR_INTERVAL else once[:0]
+    columns = pd.MultiIndex.from_product([COUNTS, subjects])
+    table = counts.unstack("subject").reindex(columns=columns)
+    cube = table.to_numpy(np.float64).reshape(len(table), len(COUNTS), len(subjects))
+    sizes = np.stack([touches.reindex(subjects, fill_value=0), hours]).astype(np.float64)
+    weights = np.ones((1, len(subjects)), np.int64)  # every subject once, then the drawings
+    if len(subjects) >= few.FEWEST_FOR_INTERVAL:
+        weights = np.concatenate([weights, draw_weights([len(subjects)])[0]])
     missed = {}
     for rate in RATES:
-        least = _least_missed(cube, sizes, np.concatenate([once, drawn]), rate)
-        low, high = (
-            percentile_interval(least[1:][~np.isnan(least[1:])]) if len(drawn) else (np.nan, np.nan)
-        )
-        missed |= {
-            f"missed_at_{rate}": least[0],
-            f"missed_at_{rate}_low": low,
-            f"missed_at_{rate}_high": high,
-        }
+        shares = _lowest_missed(cube, sizes, weights, rate)
+        low, high = np.nan, np.nan
+        if len(weights) > 1:
+            low, high = percentile_interval(shares[1:][~np.isnan(shares[1:])])
+        name = f"missed_at_{rate}"
+        missed |= {name: shares[0], f"{name}_low": low, f"{name}_high": high}
     return missed
 
 
-def _least_missed(
-    cube: np.ndarray, sizes: np.ndarray, drawn: np.ndarray, rate: float
+def _lowest_missed(
+    cube: np.ndarray, sizes: np.ndarray, weights: np.ndarray, rate: float
 ) -> np.ndarray:
-    """The lowest share of missed touches in each drawing; NaN where no threshold keeps to the rate [drawings].
+    """The lowest share of missed touches in each drawing; NaN if no threshold keeps to the rate.
 
-    ``cube`` has hits, alarms and reports [thresholds, 3, people]; ``sizes`` has touches and hours of background
-    [2, people]; ``drawn`` is how often each person is in each drawing [drawings, people].
+    Args:
+        cube: hits, alarms and reports [thresholds, 3, subjects].
+        sizes: touches and hours of background [2, subjects].
+        weights: how often each drawing contains each subject [drawings, subjects].
+        rate: most false alarms per hour of background.
     """
-    hits, alarms, reports = np.moveaxis(np.einsum("tcp,dp->dtc", cube, drawn), 2, 0)
-    touches, hours = sizes @ drawn.T
-    kept = (alarms <= rate * hours[:, None] + 1e-9) & (
-        reports - alarms <= MOST_REPORTS * np.maximum(hits, 1)
-    )
-    most = np.where(kept, hits, -np.inf).max(axis=1)
-    defined = np.isfinite(most) & (touches > 0) & (hours > 0)
-    return np.where(defined, 1 - most / np.maximum(touches, 1), np.nan)
+    hits, alarms, reports = np.moveaxis(np.einsum("tcp,dp->dtc", cube, weights), 2, 0)
+    touches, hours = sizes @ weights.T
+    keeps_rate = alarms <= rate * hours[:, None] + 1e-9
+    keeps_reports = reports - alarms <= MOST_REPORTS * np.maximum(hits, 1)
+    most_hits = np.where(keeps_rate & keeps_reports, hits, -np.inf).max(axis=1)
+    is_defined = np.isfinite(most_hits) & (touches > 0) & (hours > 0)
+    return np.where(is_defined, 1 - most_hits / np.maximum(touches, 1), np.nan)

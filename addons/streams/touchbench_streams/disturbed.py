@@ -1,7 +1,7 @@
-"""Recordings as a sensor with noise, vibration or drift shows them, to learn from.
+"""Recordings with noise, vibration or drift of the sensor, to learn from.
 
-A kind of disturbance is a function of a recording, float32 shares of full scale [frames, rows, cols], its rate in Hz
-and a random generator. Amounts differ from recording to recording.
+A kind of disturbance is a function of a recording, float32 shares of full scale [frames, rows,
+cols], its rate in Hz and a random generator. Amounts differ from recording to recording.
 """
 
 from __future__ import annotations
@@ -13,12 +13,10 @@ import numpy as np
 from bench.corpora.corpus import Corpus
 from bench.corpora.faults import as_readings, as_shares, noise, seeded_generator
 
-AMOUNT = (0.005, 0.015)  # of full scale, from slight to more than the 1 % that a detector must bear
+AMOUNT = (0.005, 0.015)  # of full scale; a detector must bear 1 %
 SHAKING_HZ = (1.0, 10.0)  # from a step to a motor
-FAR, FAR_S = (
-    0.05,
-    5.0,
-)  # of full scale that all taxels drift at most, and seconds from one level to the next
+FARTHEST_DRIFT = 0.05  # of full scale
+DRIFT_STEP_S = 5.0  # from one level of the drift to the next
 
 
 def add_noise(shares: np.ndarray, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
@@ -27,37 +25,33 @@ def add_noise(shares: np.ndarray, rate_hz: float, rng: np.random.Generator) -> n
 
 
 def add_vibration(shares: np.ndarray, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
-    """All taxels swing together, at a frequency of this recording."""
+    """A swing of all taxels together, at a random frequency."""
     turns = _draw_log_uniform(SHAKING_HZ, rng) * np.arange(len(shares)) / rate_hz + rng.random()
-    return (
-        shares
-        + _draw_log_uniform(AMOUNT, rng)
-        * np.sin(2 * np.pi * turns).astype(np.float32)[:, None, None]
-    )
+    swing = np.sin(2 * np.pi * turns).astype(np.float32)[:, None, None]
+    return shares + _draw_log_uniform(AMOUNT, rng) * swing
 
 
 def add_drift(shares: np.ndarray, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
-    """All taxels drift together, from one level to the next."""
-    times = np.arange(len(shares)) / (FAR_S * rate_hz)
-    levels = rng.uniform(0, FAR, int(times[-1]) + 2)
-    return (
-        shares + np.interp(times, np.arange(len(levels)), levels).astype(np.float32)[:, None, None]
-    )
+    """A drift of all taxels together, from one random level to the next."""
+    times = np.arange(len(shares)) / (DRIFT_STEP_S * rate_hz)
+    levels = rng.uniform(0, FARTHEST_DRIFT, int(times[-1]) + 2)
+    drift = np.interp(times, np.arange(len(levels)), levels).astype(np.float32)
+    return shares + drift[:, None, None]
 
 
 Kind = Callable[[np.ndarray, float, np.random.Generator], np.ndarray]
-KINDS: tuple[Kind, ...] = (add_vibration, add_noise)  # that touches are found in
-NAMING_KINDS: tuple[Kind, ...] = (add_vibration, add_noise, add_drift)  # that they are named in
+KINDS: tuple[Kind, ...] = (add_vibration, add_noise)  # for finding touches
+NAMING_KINDS: tuple[Kind, ...] = (add_vibration, add_noise, add_drift)  # for naming them
 
 SEED_WORDS = {add_vibration: "shaken", add_noise: "noisy", add_drift: "drifting"}  # of seeds
 
 
-def disturb_recordings(corpus: Corpus, kind: Kind, some: Sequence[int] | None = None) -> Corpus:
-    """Return recordings, all or those at some positions, as a disturbed sensor shows them.
-
-    The disturbance of a recording is the same at each call.
-    """
-    positions = range(len(corpus)) if some is None else some
+def disturb_recordings(
+    corpus: Corpus, kind: Kind, positions: Sequence[int] | None = None
+) -> Corpus:
+    """Disturb all recordings, or those at some positions, in the same way at each call."""
+    if positions is None:
+        positions = range(len(corpus))
     streams = []
     for i in positions:
         rng = seeded_generator(f"{SEED_WORDS[kind]} in recording {i}")
@@ -68,5 +62,5 @@ def disturb_recordings(corpus: Corpus, kind: Kind, some: Sequence[int] | None = 
 
 
 def _draw_log_uniform(bounds: tuple[float, float], rng: np.random.Generator) -> np.float32:
-    """A number whose logarithm is drawn evenly."""
+    """Draw a number whose logarithm is uniformly distributed."""
     return np.float32(np.exp(rng.uniform(*np.log(bounds))))

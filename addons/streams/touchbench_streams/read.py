@@ -14,17 +14,17 @@ from bench.corpora.read.table import check_scales, describe_source, parse_grid, 
 from bench.errors import InputError
 from touchbench_streams.recordings import Recordings, cut_into_captures, find_events
 
-KNOWN = ["label", "recording", "subject", "gesture", "frame"]
+KNOWN_COLUMNS = ["label", "recording", "subject", "gesture", "frame"]
 
 
 def read(path: Path, rate_hz: float, grid: str, full_scale: float = 1023.0) -> Corpus:
     """Read continuous recordings, with one row per frame.
 
-    Each row has a ``label``: a gesture, or nothing, ``None`` or ``none`` for background, or ``?`` where it is doubtful.
-    Each run of equal labels is an event. Columns ``recording`` and ``subject`` are optional; a new recording begins
-    where one of them changes. A column ``frame`` is optional, too; if there is one, it must go up by one within a
-    recording. Other columns are conditions and stay the same within a recording. The channels are read as in
-    `bench.corpora.read.table.read`.
+    Each row has a ``label``: a gesture; nothing, ``None`` or ``none`` for background; or ``?`` for
+    a doubtful frame. Each run of equal labels is an event. Columns ``recording`` and ``subject``
+    are optional; a new recording begins where one of them changes. A column ``frame`` is optional,
+    too; if there is one, it must increase by one within a recording. Other columns are conditions
+    and stay the same within a recording. Channels are read as in `bench.corpora.read.table.read`.
 
     Args:
         path: the file.
@@ -33,8 +33,9 @@ def read(path: Path, rate_hz: float, grid: str, full_scale: float = 1023.0) -> C
         full_scale: largest value that the sensor gives.
 
     Returns:
-        Captures of all events, doubtful stretches and gaps (`touchbench_streams.recordings.cut_into_captures`), with frames
-        of uint16 or float32. Without a column ``subject`` the subject is ``"1"``.
+        Captures of all events, doubtful stretches and gaps
+        (`touchbench_streams.recordings.cut_into_captures`), with frames of uint16 or float32.
+        Without a column ``subject`` the subject is ``"1"``.
 
     Raises:
         InputError: the file does not fit; the message names the line.
@@ -43,7 +44,9 @@ def read(path: Path, rate_hz: float, grid: str, full_scale: float = 1023.0) -> C
     check_scales(rate_hz, full_scale)
     size = parse_grid(grid)
     check_file(path)
-    rows, warnings = read_table_rows(path, size, full_scale, ["label"], KNOWN, optional="label")
+    rows, warnings = read_table_rows(
+        path, size, full_scale, ["label"], KNOWN_COLUMNS, optional="label"
+    )
     labels = rows.labels
     if "gesture" in labels:
         raise InputError(
@@ -54,7 +57,8 @@ def read(path: Path, rate_hz: float, grid: str, full_scale: float = 1023.0) -> C
     if "subject" not in labels:
         labels["subject"] = "1"
         warnings = [*warnings, "no column subject: all recordings are treated as one subject"]
-    starts = _find_recording_starts(rows, rows.take_frame_numbers() if "frame" in labels else None)
+    frame = rows.take_frame_numbers() if "frame" in labels else None
+    starts = _find_recording_starts(rows, frame)
     captures = categories_as_text(labels.iloc[starts].reset_index(drop=True))
     captures.insert(0, "subject", captures.pop("subject"))
     captures.insert(1, "gesture", "")
@@ -62,15 +66,12 @@ def read(path: Path, rate_hz: float, grid: str, full_scale: float = 1023.0) -> C
         captures["recording"] = captures["recording"].astype(str)
     lengths = np.diff(starts, append=len(gestures))
     corpus = Corpus(rows.values.reshape(-1, *size), starts, lengths, captures, rate_hz, full_scale)
-    return cut_into_captures(
-        Recordings(
-            describe_source(corpus, path, warnings, "recording"), find_events(gestures, lengths)
-        )
-    )
+    corpus = describe_source(corpus, path, warnings, "recording")
+    return cut_into_captures(Recordings(corpus, find_events(gestures, lengths)))
 
 
 def _labels_as_text(column: pd.Series, name: str) -> np.ndarray:
-    """Labels as text, object [frames]."""
+    """Labels as text, ``""`` for none, object [frames]."""
     if not isinstance(column.dtype, pd.CategoricalDtype) and column.dtype.kind not in "iu":
         kind = one_line(column.dtype, 40)
         raise InputError(f"{name}: label is of type {kind}; save it as text or whole numbers")
@@ -85,22 +86,20 @@ def _find_recording_starts(rows: Table, frame: np.ndarray | None) -> np.ndarray:
     begins = np.logical_or.reduce([changed[name] for name in names])
     begins[0] = True
     starts = np.flatnonzero(begins)
-    again = labels.iloc[starts].duplicated(names).to_numpy()
-    if again.any():
-        row = starts[np.argmax(again)]
+    is_repeated = labels.iloc[starts].duplicated(names).to_numpy()
+    if is_repeated.any():
+        row = starts[np.argmax(is_repeated)]
         name = quote_text(str(labels[names[0]].iloc[row]))
-        hint = (
-            "keep its frames together"
-            if len(names) > 1
-            else "keep its frames together, or add a column recording"
-        )
+        hint = "keep its frames together"
+        if len(names) == 1:
+            hint += ", or add a column recording"
         rows.refuse_row(row, f"{names[0]} {name} begins a second time; {hint}")
     for name in labels.columns.difference(names, sort=False):
         if len(wrong := np.flatnonzero(changed[name] & ~begins)):
             hint = "delete the column, or begin a new recording there"
             rows.refuse_row(wrong[0], f"{shorten(str(name))} changes within a recording; {hint}")
-    if frame is not None and len(
-        wrong := np.flatnonzero(~begins & (np.diff(frame, prepend=0) != 1))
-    ):
-        rows.refuse_frame_step(wrong[0], frame)
+    if frame is not None:
+        wrong = np.flatnonzero(~begins & (np.diff(frame, prepend=0) != 1))
+        if len(wrong):
+            rows.refuse_frame_step(wrong[0], frame)
     return starts

@@ -1,8 +1,7 @@
-"""Recordings by name: imported and generated ones, and further background that the training recordings lack."""
+"""Recordings by name, imported or generated, and further background to learn from."""
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -29,57 +28,61 @@ def holds_recordings(name: str) -> bool:
 
 
 def load_recordings(data: str, parameters: dict[str, Any] | None = None, where: str = "") -> Corpus:
-    """All captures of imported recordings, or of ``synth``: touches, background and doubtful stretches."""
+    """Captures of imported recordings, or of ``synth``: touches, background, doubtful stretches."""
     if data == "synth":
         values = parameters or {}
-        made = partial(synth_recordings.generate, **values)
-        captures = make_once(
-            "synth", values, lambda: cut_into_captures(made()), synth, synth_recordings
-        )
+
+        def generate() -> Corpus:
+            return cut_into_captures(synth_recordings.generate(**values))
+
+        captures = make_once("synth", values, generate, synth, synth_recordings)
     else:
         captures = open_imported(data)
     if not comes_from_recordings(captures):
         raise InputError(f"{data} holds captures, not recordings; use bench run data={data}")
-    return (
-        captures[captures_where(where, captures.captures.drop(columns="gesture"), captures.name)]
-        if where
-        else captures
-    )
+    if not where:
+        return captures
+    table = captures.captures.drop(columns="gesture")
+    return captures[captures_where(where, table, captures.name)]
 
 
-def load_background(name: str, like: Corpus) -> Recordings:
-    """Imported recordings without touch, of the same sensor still or moved, to learn from beside those of ``like``."""
+def load_background(name: str, corpus: Corpus) -> Recordings:
+    """Imported recordings without touch, to learn from besides those of a corpus.
+
+    Their sensor must be that of the corpus.
+    """
     if name not in imported_names():
         raise InputError(f"background={name}: no such recordings are imported; see bench data list")
-    found = restore_recordings(load_recordings(name))
-    if len(found.events):
+    background = restore_recordings(load_recordings(name))
+    if len(background.events):
         raise InputError(
-            f"background={name}: it has {len(found.events)} touches; give recordings whose frames have no label"
+            f"background={name}: it has {len(background.events)} touches; give recordings whose "
+            "frames have no label"
         )
-    for word in ("grid", "rate_hz", "full_scale"):
-        mine, theirs = getattr(like, word), getattr(found.corpus, word)
-        if mine != theirs:
+    for field in ("grid", "rate_hz", "full_scale"):
+        value, required = getattr(background.corpus, field), getattr(corpus, field)
+        if value != required:
             raise InputError(
-                f"background={name}: its {word} is {theirs}, not {mine} as of {like.name}; record it again"
+                f"background={name}: its {field} is {value}, not {required} as of {corpus.name}; "
+                "record it again"
             )
-    return found
+    return background
 
 
-def join_background(taught: Recordings, idle: Recordings, tested: np.ndarray) -> Recordings:
-    """Training recordings and further background, without recordings of the subjects that are tested."""
-    idle = idle[np.flatnonzero(~np.isin(idle.subjects.astype(str), tested.astype(str)))]
-    if len(idle.doubtful):
-        idle = restore_recordings(drop_doubtful(cut_into_captures(idle)))
-    corpus, more = taught.corpus, idle.corpus
-    own = pd.factorize(more.captures.get("recording", pd.Series(np.arange(len(more)))))[0]
-    numbers = int(corpus.captures.get("recording", pd.Series([0])).max()) + 1 + own
-    table = pd.concat(
-        [corpus.captures, more.captures.assign(gesture="", recording=numbers)], ignore_index=True
-    )
-    kind = np.result_type(shared_frames(corpus)[0], shared_frames(more)[0])
-    streams = [np.asarray(stream, kind) for part in (corpus, more) for stream in part]
+def join_background(train: Recordings, background: Recordings, tested: np.ndarray) -> Recordings:
+    """Training recordings and further background, without that of the tested subjects."""
+    is_tested = np.isin(background.subjects.astype(str), tested.astype(str))
+    background = background[np.flatnonzero(~is_tested)]
+    if len(background.doubtful):
+        background = restore_recordings(drop_doubtful(cut_into_captures(background)))
+    corpus, idle = train.corpus, background.corpus
+    names = idle.captures.get("recording", pd.Series(np.arange(len(idle))))
+    first = int(corpus.captures.get("recording", pd.Series([0])).max()) + 1
+    idle_table = idle.captures.assign(gesture="", recording=first + pd.factorize(names)[0])
+    table = pd.concat([corpus.captures, idle_table], ignore_index=True)
+    dtype = np.result_type(shared_frames(corpus)[0], shared_frames(idle)[0])
+    streams = [np.asarray(stream, dtype) for part in (corpus, idle) for stream in part]
     fields = {"full_scale": corpus.full_scale, "name": corpus.name, "info": corpus.info}
-    both = Corpus.from_captures(
-        streams, table[[*corpus.captures.columns]], corpus.rate_hz, **fields
-    )
-    return Recordings(both, taught.labelled)
+    table = table[[*corpus.captures.columns]]
+    joined = Corpus.from_captures(streams, table, corpus.rate_hz, **fields)
+    return Recordings(joined, train.labelled)

@@ -1,4 +1,4 @@
-"""Continuous recordings: touches found in a stream, false alarms and latency."""
+"""The run kind of ``bench watch``: touches found in recordings, false alarms and latency."""
 
 from __future__ import annotations
 
@@ -22,9 +22,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Continuous(RunKind):
-    """Events in recordings of the test subjects; detector and post-processing are learned on training subjects.
+    """Touches found in recordings of the test subjects.
 
-    The corpus holds recordings, or they are composed of its captures (`touchbench_streams.composer`).
+    Detector and post-processing are learned on training subjects. Recordings are those of the
+    corpus, or they are composed of its captures (`touchbench_streams.composer`).
     """
 
     key: ClassVar[str] = "watch"
@@ -32,15 +33,16 @@ class Continuous(RunKind):
 
     detector: str = option(
         DETECTOR,
-        "finds the touches: {touchbench_streams.detectors}, or my.py:Mine; detector.NAME= sets a parameter",
+        "finds the touches: {touchbench_streams.detectors}, or my.py:Mine; "
+        "detector.NAME= sets a parameter",
     )
     false_alarms: float = option(
         FALSE_ALARMS, "false alarms per hour of background accepted in training", type="number"
     )
     background: str = option(
         "",
-        "class without touch, or quiet: ends of captures; default notouch or quiet. Of recordings: further ones "
-        "without touch, to learn from",
+        "class without touch, or quiet: ends of captures; default notouch or quiet. "
+        "For recordings: the name of further recordings without touch, to learn from",
     )
     unknown: str = option(
         "", "gesture to leave out of training; its touches should be labelled unknown"
@@ -48,27 +50,20 @@ class Continuous(RunKind):
     under: tuple[str, ...] = option(
         (),
         "faults that the test recordings also go through, at five severities each, or all",
-        (
-            *(name for name in FAULT_NAMES if name not in SHORTENING_FAULTS),
-            *MORE_FAULT_NAMES,
-        ),
+        (*(name for name in FAULT_NAMES if name not in SHORTENING_FAULTS), *MORE_FAULT_NAMES),
     )
 
     @classmethod
     def from_typed(cls, values: Values) -> list[Self]:
-        """Every combination of the typed values, with the detectors and faults that they name."""
-        from touchbench_streams.detectors import parse_detectors
+        """Every combination of the typed values, with their detectors and faults."""
+        from touchbench_streams.detectors import parse_detectors, values_of_detector
 
-        parts = {key: value for key, value in values.items() if key.partition(".")[0] == "detector"}
-        made = super().from_typed(
-            {key: value for key, value in values.items() if key not in (*parts, "under")}
-        )
+        detector_values = values_of_detector(values)
+        special_keys = {*detector_values, "under"}
+        kinds = super().from_typed({k: v for k, v in values.items() if k not in special_keys})
+        detectors = [part.as_argument() for part in parse_detectors(detector_values)]
         under = cls._parse_faults(values["under"]) if "under" in values else ()
-        return [
-            replace(one, detector=part.as_argument(), under=under)
-            for one in made
-            for part in parse_detectors(parts)
-        ]
+        return [replace(k, detector=detector, under=under) for k in kinds for detector in detectors]
 
     @staticmethod
     def _parse_faults(typed: object) -> tuple[str, ...]:
@@ -84,46 +79,38 @@ class Continuous(RunKind):
         return parse_detectors(arguments_of_label("detector", self.detector))[0]
 
     def identity(self) -> object:
-        """Kind and options, with the code of the detector, further background as it is now, and the faults."""
+        """Kind and options, the detector with its code, the background's digest, and the faults."""
         from bench.corpora.faults import fault_identity
         from bench.corpora.library import open_imported
         from touchbench_streams.stored import holds_recordings
 
-        digest = (
-            [open_imported(self.background).digest] if holds_recordings(self.background) else []
-        )
-        return (
-            repr(replace(self, detector="")),
-            self.part.identity(),
-            *digest,
-            *fault_identity(self.under),
-        )
+        identity = [repr(replace(self, detector="")), self.part.identity()]
+        if holds_recordings(self.background):
+            identity.append(open_imported(self.background).digest)
+        return (*identity, *fault_identity(self.under))
 
     def code(self) -> list[Code]:
-        """The code of the detector and the faults, too."""
+        """Add the code of the detector and of the faults."""
         from bench.corpora.faults import FAULTS
 
-        return [
-            *super().code(),
-            *self.part.code(),
-            *(FAULTS[name].damage for name in self.under),
-        ]
+        faults = [FAULTS[name].damage for name in self.under]
+        return [*super().code(), *self.part.code(), *faults]
 
     def params(self) -> dict[str, object]:
-        """Tracked as parameters."""
+        """Its options as parameters of a run."""
         return super().params() | {"watch.under": ", ".join(self.under)}
 
     def typed_arguments(self) -> dict[str, str]:
         """The options as typed; defaults are left out."""
-        given = super().typed_arguments()
-        if "under" in given and self.under == self._parse_faults(ALL_FAULTS):
-            given["under"] = ALL_FAULTS
-        return given | (
-            arguments_of_label("detector", self.detector) if "detector" in given else {}
-        )
+        arguments = super().typed_arguments()
+        if "under" in arguments and self.under == self._parse_faults(ALL_FAULTS):
+            arguments["under"] = ALL_FAULTS
+        if "detector" in arguments:
+            arguments |= arguments_of_label("detector", self.detector)
+        return arguments
 
     def open_captures(self, cell: Cell) -> Corpus | None:
-        """Recordings with their background; captures, of which recordings are composed, where the data has none."""
+        """Open recordings with their background; None if the data are captures to compose with."""
         from touchbench_streams.stored import holds_recordings, load_recordings
 
         if cell.data != "synth" and not holds_recordings(cell.data):
@@ -131,13 +118,13 @@ class Continuous(RunKind):
         return load_recordings(cell.data, cell.data_parameters, cell.where)
 
     def refuse_plan(self, plan: Plan) -> None:
-        """Refuse folds that mix subjects or train on one, and a background that does not exist."""
-        from touchbench_streams.fold import refuse
+        """Refuse folds that mix subjects or train on one, and a missing background."""
+        from touchbench_streams.fold import check_plan
 
-        refuse(plan, self.background, self.unknown)
+        check_plan(plan, self.background, self.unknown)
 
     def warnings_of_plan(self, plan: Plan) -> list[str]:
-        """A line where the training background of recordings is too short for the accepted rate."""
+        """Warn if the training background of recordings is too short for the accepted rate."""
         from touchbench_streams.fold import short_background_warnings
 
         return short_background_warnings(
@@ -145,35 +132,47 @@ class Continuous(RunKind):
         )
 
     def evaluate_fold(self, cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
-        """Fit, learn the post-processing on training subjects, watch recordings of test subjects.
+        """Fit, learn the post-processing on training subjects, watch the test subjects' recordings.
 
         The tracked numbers are scores, costs, and scores under each fault.
         """
         from bench.running.results import combine_costs
         from touchbench_streams.events import score_tables
-        from touchbench_streams.fold import fold_of
-        from touchbench_streams.stress import FAULTED, fault_table, tracked_scores
+        from touchbench_streams.fold import watch_fold
+        from touchbench_streams.stress import FAULT_REPORTS, fault_table, tracked_scores
 
-        result = fold_of(self, cell, corpus, fold, threads)
+        result = watch_fold(
+            cell,
+            corpus,
+            fold,
+            threads,
+            detector=self.part.make_object(),
+            false_alarms=self.false_alarms,
+            background=self.background,
+            unknown=self.unknown,
+            under=self.under,
+        )
         metrics = combine_costs([result]) | score_tables(result.table, corpus.rate_hz)
         if self.under:
-            table = fault_table(result.table, result.tables[FAULTED], corpus.rate_hz)
+            table = fault_table(result.table, result.tables[FAULT_REPORTS], corpus.rate_hz)
             metrics |= tracked_scores(table)
         return replace(result, tracked_metrics=metrics)
 
     def measure_run(self, plan: Plan, about: Mapping[str, str], folds: list[FoldResult]) -> Result:
-        """Scores of touches, and in each case under faults; tables of touches, reports, subjects, the curve, cases."""
+        """Scores of touches, also under each fault.
+
+        The tables are those of `touchbench_streams.fold.run_numbers` and, with faults, their
+        reports and scores.
+        """
         from bench.running.results import concat_fold_tables
+        from touchbench_streams import stress
         from touchbench_streams.fold import run_numbers
-        from touchbench_streams.stress import FAULTED, FAULTS, fault_table, tracked_scores
 
         rate_hz = plan.corpus.rate_hz
         numbers, tables = run_numbers(folds, rate_hz, self.unknown)
         if self.under:
-            cases = concat_fold_tables(folds)[FAULTED]
-            table = fault_table(tables["predictions"], cases, rate_hz, people=True)
-            numbers, tables = (
-                numbers | tracked_scores(table),
-                tables | {FAULTED: cases, FAULTS: table},
-            )
+            reports = concat_fold_tables(folds)[stress.FAULT_REPORTS]
+            table = stress.fault_table(tables["predictions"], reports, rate_hz, by_subject=True)
+            numbers |= stress.tracked_scores(table)
+            tables |= {stress.FAULT_REPORTS: reports, stress.FAULT_SCORES: table}
         return Result(about, numbers, tables)

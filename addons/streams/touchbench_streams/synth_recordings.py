@@ -1,7 +1,7 @@
-"""Generated recordings: the touches of the generated corpus one after another, with idle time between them.
+"""Generated recordings: touches of the generated corpus, with idle time between them.
 
-A recording has the sensor of `bench.corpora.synth` all along, so its creep goes on after a touch. Offsets drift slowly,
-each taxel on its own and all together.
+The sensor of `bench.corpora.synth` is simulated over the whole recording, so its creep goes on
+after a touch. Offsets drift slowly, each taxel on its own and all together.
 """
 
 from __future__ import annotations
@@ -43,62 +43,48 @@ def generate(
 ) -> Recordings:
     """Generate one recording per subject, with every gesture in random order.
 
-    `bench.corpora.synth.generate` has the same subjects for the same seed, but other touches. The same
-    arguments give the same bytes, and more subjects leave the earlier ones as they were. With three variants a
-    recording lasts about six minutes.
+    `bench.corpora.synth.generate` has the same subjects for the same seed, but other touches. The
+    same arguments give the same bytes, and more subjects do not change the earlier ones. With three
+    variants a recording lasts about six minutes.
 
-    Args as of `bench.corpora.synth.generate`; ``repetitions`` counts touches of each variant and gesture.
+    The parameters are those of `bench.corpora.synth.generate`; ``repetitions`` counts touches of
+    each variant and gesture.
 
     Returns:
-        uint16 frames 0..1023. An event lasts as long as the pressure is above 2 % of its largest value in the touch.
+        uint16 frames 0..1023. An event lasts as long as the pressure is above 2 % of its largest
+        value in the touch.
 
     Raises:
         InputError: a parameter is out of range, or there is not enough memory.
     """
-    counts = {
-        "subjects": subjects,
-        "repetitions": repetitions,
-        "rows": rows,
-        "cols": cols,
-        "seed": seed,
-    }
-    check_parameters(variants, **counts, rate_hz=rate_hz, gain=gain, noise=noise)
-    seconds = (
-        sum(way.duration + sum(GAP_S) / 2 for way in GESTURES.values())
-        * len(variants)
-        * float(repetitions)
-    )
+    sizes = {"subjects": subjects, "repetitions": repetitions, "rows": rows, "cols": cols}
+    check_parameters(variants, **sizes, seed=seed, rate_hz=rate_hz, gain=gain, noise=noise)
+    once_s = sum(gesture.duration + sum(GAP_S) / 2 for gesture in GESTURES.values())
+    seconds = once_s * len(variants) * float(repetitions)
     values = max(1.0, seconds * rate_hz) * rows * cols
-    asked = (
-        f"data.subjects={subjects} data.repetitions={repetitions} data.rows={rows} data.cols={cols}"
-    )
-    check_memory(
-        f"{asked} data.rate_hz={rate_hz:g}", values * (BYTES_PER_VALUE + 4.0 * subjects)
-    )  # frames are put together
+    keys = " ".join(f"data.{name}={value}" for name, value in sizes.items())
+    # besides what a recording takes, the frames of all are concatenated
+    check_memory(f"{keys} data.rate_hz={rate_hz:g}", values * (BYTES_PER_VALUE + 4.0 * subjects))
     kinds = [(variant, gesture) for variant in variants for gesture in GESTURES] * repetitions
     arrays, events = [], []
     for subject in range(1, subjects + 1):
-        habits = Habits(
-            np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(subject,))), rows, cols
-        )
+        habits_seed = np.random.SeedSequence(seed, spawn_key=(subject,))
+        habits = Habits(np.random.default_rng(habits_seed), rows, cols)
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(subject, 1)))
         parts, length = [_draw_idle(rng, rows, cols, rate_hz)], 0
         for i in rng.permutation(len(kinds)):
             variant, gesture = kinds[i]
-            pressure = _ramp_in_and_out(
-                rng,
-                generate_pressure(rng, habits, gesture, variant, (rows, cols), rate_hz),
-                rate_hz,
-            )
+            pressure = generate_pressure(rng, habits, gesture, variant, (rows, cols), rate_hz)
+            pressure = _ramp_in_and_out(rng, pressure, rate_hz)
             length += len(parts[-1])
             peaks = pressure.max(axis=(1, 2))
-            felt = np.flatnonzero(peaks >= CONTACT * peaks.max())
-            events.append((subject - 1, length + felt[0], length + felt[-1] + 1, gesture))
+            contact = np.flatnonzero(peaks >= CONTACT * peaks.max())
+            events.append((subject - 1, length + contact[0], length + contact[-1] + 1, gesture))
             length += len(pressure)
             parts += [pressure.astype(np.float32), _draw_idle(rng, rows, cols, rate_hz)]
-        whole = np.concatenate(parts)
-        offset = habits.offset + _draw_drift(rng, len(whole), rows, cols, rate_hz)
-        arrays.append(simulate_sensor(rng, gain * whole, offset, rate_hz, noise))
+        pressure = np.concatenate(parts)
+        offset = habits.offset + _draw_drift(rng, len(pressure), rows, cols, rate_hz)
+        arrays.append(simulate_sensor(rng, gain * pressure, offset, rate_hz, noise))
     captures = pd.DataFrame({"subject": [str(s + 1) for s in range(subjects)], "gesture": ""})
     scale, info = float(FULL_SCALE), synthetic_info(seed)
     corpus = Corpus.from_captures(
@@ -108,29 +94,28 @@ def generate(
 
 
 def _draw_idle(rng: np.random.Generator, rows: int, cols: int, rate_hz: float) -> np.ndarray:
-    """Time without touch [frames, rows, cols]."""
+    """Draw time without touch [frames, rows, cols]."""
     return np.zeros((max(1, round(rng.uniform(*GAP_S) * rate_hz)), rows, cols), dtype=np.float32)
 
 
 def _ramp_in_and_out(rng: np.random.Generator, pressure: np.ndarray, rate_hz: float) -> np.ndarray:
-    """A touch with its approach and release: its first and last frame, ramped in and out."""
+    """Add approach and release to a touch: its first and last frame, ramped in and out."""
     before, after = (
         np.linspace(0, 1, round(rng.uniform(*RAMP_S) * rate_hz), endpoint=False) for _ in range(2)
     )
-    return np.concatenate(
-        [before[:, None, None] * pressure[:1], pressure, after[::-1, None, None] * pressure[-1:]]
-    )
+    approach = before[:, None, None] * pressure[:1]
+    release = after[::-1, None, None] * pressure[-1:]
+    return np.concatenate([approach, pressure, release])
 
 
 def _draw_drift(
     rng: np.random.Generator, frames: int, rows: int, cols: int, rate_hz: float
 ) -> np.ndarray:
-    """Change of each taxel's offset over time, float32 [frames, rows, cols]: half of it is common to all taxels."""
+    """Draw the change of each taxel's offset over time, half of which is common to all taxels."""
     position = np.arange(frames) / (KNOT_S * rate_hz)
     before = position.astype(np.int64)
-    steps = rng.normal(0, DRIFT, (before[-1] + 2, rows, cols)) + rng.normal(
-        0, DRIFT, (before[-1] + 2, 1, 1)
-    )
+    steps = rng.normal(0, DRIFT, (before[-1] + 2, rows, cols))
+    steps += rng.normal(0, DRIFT, (before[-1] + 2, 1, 1))
     knots = (steps.cumsum(axis=0) / np.sqrt(2)).astype(np.float32)
     share = (position - before).astype(np.float32)[:, None, None]
     return (1 - share) * knots[before] + share * knots[before + 1]

@@ -17,8 +17,16 @@ PARTS = {
 }
 
 
+def values_of_detector(values: Values) -> Values:
+    """The typed values of ``detector`` and its parameters."""
+    return {key: value for key, value in values.items() if key.partition(".")[0] == "detector"}
+
+
 def parse_detectors(values: Values) -> list[Part]:
-    """The detectors that ``detector=`` names, the usual one without it, with every combination of their parameters."""
+    """The detectors of ``detector=``, with every combination of their parameters.
+
+    Without the key it is the default one.
+    """
     from bench.plan.grid import expand_parameters
 
     siblings = split_values("detector", values.get("detector", DETECTOR))

@@ -1,4 +1,4 @@
-"""Detectors that decide tick by tick: what they define, and how a threshold is chosen."""
+"""The base of detectors, which decide tick by tick, and the choice of their threshold."""
 
 from __future__ import annotations
 
@@ -19,30 +19,32 @@ from touchbench_streams.detectors.spans import average_blocks
 from touchbench_streams.events import DOUBTFUL, FALSE_ALARM, assign_touches
 from touchbench_streams.recordings import Recordings
 
-PRICE = 0.001  # share of touches that a false alarm per hour above the target costs; chosen on sittings A to C
-REPEATS = 0.2  # share of touches that a report per touch above `SPARE` costs; chosen there, too
-SPARE = 1.15  # reports per touch that cost nothing
+# In shares of touches; chosen on sittings A to C.
+ALARM_PENALTY = 0.001  # for each false alarm per hour above the target
+REPEAT_PENALTY = 0.2  # for each report per touch above `FREE_REPORTS`
+FREE_REPORTS = 1.15  # per touch
 
 
 def read_c_beside(path: str) -> str:
-    """The C beside a Python file."""
+    """Read the C file beside a Python file."""
     return Path(path).with_suffix(".c").read_text(encoding="utf-8")
 
 
 class Detector:
-    """A detector of touch before training, and fitted; a tick is a frame of a slow skin, or the mean of several.
+    """A detector of touch, before training or fitted.
 
-    It is a dataclass whose fields are its parameters (``detector.tick=``), and is named in
-    `touchbench_streams.detectors.PARTS`, or as ``detector=my.py:Mine``.
+    It decides once per tick, which is a frame of a slow skin, or the mean of several frames. It is
+    a dataclass whose fields are its parameters (``detector.tick=``), named in
+    `touchbench_streams.detectors.PARTS` or as ``detector=my.py:Mine``.
 
     Attributes:
         tick: seconds of a tick; at least one frame.
         levels: thresholds to choose among, from the most eager to the strictest.
-        memory: ticks that the evidence of one tick looks back.
-        soonest: ticks of a touch before its report, at least.
-        latest: the same, at most.
+        memory: ticks on which the evidence of one tick depends.
+        soonest: fewest ticks from the start of a touch to its report.
+        latest: most ticks from the start of a touch to its report.
         numbers: count of learned numbers.
-        chosen: what training has chosen, by name.
+        chosen: values chosen in training, by name.
     """
 
     tick: float = 0.125
@@ -70,22 +72,24 @@ class Detector:
     def fit_disturbed(
         self, others: list[Self], recordings: Recordings, level: float, false_alarms: float
     ) -> Self:
-        """The same, fitted, and prepared for a sensor that changes after training; unchanged unless overridden.
+        """Prepare the fitted detector for a sensor that changes after training.
+
+        It is returned unchanged unless overridden.
 
         Args:
-            others: detectors that were fitted without each recording.
-            recordings: training recordings, after the steps that are done frame by frame.
+            others: a detector for each recording that was fitted without it.
+            recordings: training recordings, after the steps that work frame by frame.
             level: learned threshold.
             false_alarms: accepted false alarms per hour of background.
         """
         return self
 
     def evidence(self, signals: np.ndarray) -> np.ndarray:
-        """What the signals of each tick and those before it say [ticks, ...]."""
+        """Evidence of touch in each tick, from its signals and earlier ones [ticks, ...]."""
         raise NotImplementedError
 
     def find_refused(self, evidence: np.ndarray) -> np.ndarray:
-        """Whether the sensor is unlike all that it learned from, bool [ticks]; never unless overridden."""
+        """Whether the sensor is unlike all training, bool [ticks]; never unless overridden."""
         return np.zeros(len(evidence), bool)
 
     def rules(self, level: float) -> Rules:
@@ -98,55 +102,53 @@ class Detector:
         return np.stack([signals.step(frame) for frame in ticks])
 
     def find_reports(self, evidence: np.ndarray, levels: np.ndarray) -> list[np.ndarray]:
-        """In which ticks of a recording the rules of each level report a touch."""
-        return [
-            np.flatnonzero(run_rules(self.rules(float(level)), evidence)[:, 2]) for level in levels
-        ]
+        """Ticks of a recording in which the rules report a touch, for each level."""
+        signs = (run_rules(self.rules(float(level)), evidence) for level in levels)
+        return [np.flatnonzero(sign[:, 2]) for sign in signs]
 
     def in_c(self) -> DetectorC | None:
-        """What the C of a fitted detector needs; None where it has none. Classes do not inherit it.
+        """The C of a fitted detector; None if it has none. Subclasses do not inherit it.
 
-        It defines ``static sign_t sensed(touch_watch_t *w, const float *tick)``: the sign of a tick, from the readings
-        of its frames, a mean. It may work in ``w->now.taxels`` and ``w->now.features``.
+        It defines ``static sign_t sensed(touch_watch_t *w, const float *tick)``: the sign of a
+        tick, from the mean readings of its frames. It may use ``w->now.taxels`` and
+        ``w->now.features`` as buffers.
         """
         return None
 
     def fit_held_out(
         self, signals: list[np.ndarray], ticks: Recordings, folds: str
     ) -> tuple[list[Self], list[np.ndarray]]:
-        """The detector that is fitted without each recording, and its evidence of it."""
+        """For each recording, a detector fitted without it, and that detector's evidence."""
         detectors, evidence = [self] * len(signals), [np.zeros(0)] * len(signals)
-        for train, judged in split_subjects(held_out_units(ticks), folds):
+        for train, left_out in split_subjects(held_out_units(ticks), folds):
             fitted = copy(self).fit([signals[i] for i in train], ticks[train])
-            for i in judged:
+            for i in left_out:
                 detectors[i], evidence[i] = fitted, fitted.evidence(signals[i])
         return detectors, evidence
 
 
 def count_frames_per_tick(tick: float, rate_hz: float) -> int:
-    """Frames of a tick of so many seconds."""
+    """Number of frames of a tick of so many seconds; at least 1."""
     return max(1, round(tick * rate_hz))
 
 
 def average_into_ticks(recordings: Recordings, count: int) -> Recordings:
-    """Recordings whose frames are means of so many frames; a rest at the end is left out."""
+    """Recordings whose frames are means of ``count`` frames; a rest at the end is dropped."""
     corpus = recordings.corpus
     streams = [average_blocks(corpus[i], count) for i in range(len(corpus))]
     ticks = Corpus.from_captures(
         streams, corpus.captures, corpus.rate_hz / count, full_scale=corpus.full_scale
     )
-    start, end = recordings.events["start"] // count, -(-recordings.events["end"] // count)
-    lengths = ticks.lengths[recordings.events["recording"]]
-    start = np.minimum(start, lengths - 1)
-    events = recordings.events.assign(
-        start=start, end=np.minimum(np.maximum(end, start + 1), lengths)
-    )
-    return Recordings(ticks, events)
+    events = recordings.events
+    lengths = ticks.lengths[events["recording"]]
+    start = np.minimum(events["start"] // count, lengths - 1)
+    end = np.minimum(np.maximum(-(-events["end"] // count), start + 1), lengths)
+    return Recordings(ticks, events.assign(start=start, end=end))
 
 
 def run_rules(rules: Rules, evidence: np.ndarray) -> np.ndarray:
     """The signs of new rules over one recording, float64 [ticks, 3]."""
-    return np.array([rules.step(each) for each in evidence], dtype=np.float64).reshape(-1, 3)
+    return np.array([rules.step(tick) for tick in evidence], dtype=np.float64).reshape(-1, 3)
 
 
 def sweep_levels(
@@ -156,72 +158,76 @@ def sweep_levels(
     count: int,
     levels: np.ndarray,
 ) -> pd.DataFrame:
-    """Touches found and alarms at each level of a threshold, over recordings with a fitted detector each.
+    """Count touches found and alarms at each level of a threshold.
 
-    Columns ``level``, ``alarms``, ``hours`` (of background), ``found`` (share), ``hits`` and ``reports`` (counts; of
-    reports, those outside of doubtful stretches).
+    Args:
+        detectors: a fitted detector for each recording.
+        recordings: recordings with events.
+        evidence: of each recording, by its detector.
+        count: frames of a tick.
+        levels: thresholds.
+
+    Returns:
+        Columns ``level``, ``alarms``, ``hours`` (of background), ``found`` (share), ``hits`` and
+        ``reports`` (counts; reports in doubtful stretches are left out).
     """
     rate_hz = recordings.corpus.rate_hz
     hours = int(recordings.background_frames().sum()) / rate_hz / 3600
-    reported = [
-        one.find_reports(series, levels) for one, series in zip(detectors, evidence, strict=True)
-    ]
-    parts = [(i, k, ticks) for i, each in enumerate(reported) for k, ticks in enumerate(each)]
-    recording, place = np.repeat(
-        [part[:2] for part in parts], [len(part[2]) for part in parts], axis=0
-    ).T
-    frames = (np.concatenate([part[2] for part in parts]) + 1) * count
+    rows, ticks = [], []  # of all reports: recording and position of the level; their tick
+    for i, (detector, series) in enumerate(zip(detectors, evidence, strict=True)):
+        for k, reported in enumerate(detector.find_reports(series, levels)):
+            rows.append(np.tile([i, k], (len(reported), 1)))
+            ticks.append(reported)
+    recording, level = np.concatenate(rows).T
+    frames = (np.concatenate(ticks) + 1) * count
     reports = pd.DataFrame({"recording": recording, "reported": frames})
     touch = assign_touches(recordings.events, reports, rate_hz, doubtful=recordings.doubtful)
-    once = np.unique(np.stack([place, touch])[:, touch >= 0], axis=1)[
-        0
-    ]  # a touch counts once at each level
-    told = place[touch == FALSE_ALARM], once, place[touch != DOUBTFUL]
-    alarms, hits, counted = (np.bincount(each, minlength=len(levels)) for each in told)
-    found = hits / max(len(recordings.events), 1)
+    hits = np.unique(np.stack([level, touch])[:, touch >= 0], axis=1)  # once at each level
+    hit_counts = np.bincount(hits[0], minlength=len(levels))
     columns = {
         "level": levels,
-        "alarms": alarms,
+        "alarms": np.bincount(level[touch == FALSE_ALARM], minlength=len(levels)),
         "hours": hours,
-        "found": found,
-        "hits": hits,
-        "reports": counted,
+        "found": hit_counts / max(len(recordings.events), 1),
+        "hits": hit_counts,
+        "reports": np.bincount(level[touch != DOUBTFUL], minlength=len(levels)),
     }
     return pd.DataFrame(columns)
 
 
-def score_levels(settings: pd.DataFrame, false_alarms: float) -> pd.Series:
-    """The share of touches that each level finds, less what alarms above the target and repeated reports cost."""
-    hours = settings["hours"].replace(0, np.nan)  # without background, rates are unknown
-    excess = (settings["alarms"] / hours - false_alarms).fillna(0).clip(lower=0)
-    per_touch = (settings["reports"] - settings["alarms"]) / settings["hits"].clip(lower=1)
-    return settings["found"] - PRICE * excess - REPEATS * (per_touch - SPARE).clip(lower=0)
+def score_levels(sweep: pd.DataFrame, false_alarms: float) -> pd.Series:
+    """Share of touches found at each level, less penalties for alarms and repeated reports."""
+    hours = sweep["hours"].replace(0, np.nan)  # without background, rates are unknown
+    excess = (sweep["alarms"] / hours - false_alarms).fillna(0).clip(lower=0)
+    per_touch = (sweep["reports"] - sweep["alarms"]) / sweep["hits"].clip(lower=1)
+    repeats = (per_touch - FREE_REPORTS).clip(lower=0)
+    return sweep["found"] - ALARM_PENALTY * excess - REPEAT_PENALTY * repeats
 
 
 def choose_operating_points(
-    settings: pd.DataFrame, learned: float
+    sweep: pd.DataFrame, learned: float
 ) -> tuple[tuple[float, float, float, float], ...]:
-    """Operating points of a sweep: the learned level, and those that find more than all with as few alarms."""
-    rows = settings.sort_values(
+    """Operating points of a sweep, from the strictest to the most eager.
+
+    They are the learned level, and those that find more than all with as few alarms.
+    """
+    rows = sweep.sort_values(  # of equal ones the strictest comes first
         ["alarms", "found", "level"], ascending=[True, False, False], kind="stable"
     )
-    better = rows[
-        rows["found"] > rows["found"].cummax().shift(fill_value=-1.0)
-    ]  # of equal ones the strictest
-    kept = settings[
-        settings["level"].isin(better["level"]) | np.isclose(settings["level"], learned)
-    ]
-    kept = kept.sort_values("level", ascending=False)
-    return tuple(
-        tuple(map(float, row)) for row in kept[["level", "alarms", "hours", "found"]].to_numpy()
-    )
+    most_found = rows["found"].cummax().shift(fill_value=-1.0)
+    better = rows[rows["found"] > most_found]
+    is_kept = sweep["level"].isin(better["level"]) | np.isclose(sweep["level"], learned)
+    points = sweep[is_kept].sort_values("level", ascending=False)
+    columns = ["level", "alarms", "hours", "found"]
+    return tuple(tuple(map(float, row)) for row in points[columns].to_numpy())
 
 
 def held_out_units(recordings: Recordings) -> np.ndarray:
-    """What is left out together for the choice of the threshold: subjects, or single recordings of few subjects.
+    """Names of the units that are left out together: subjects, or recordings of few subjects.
 
-    A classifier of one subject fewer than few is another one, whose evidence has another scale. Parts of one recording
-    stay together (`touchbench_streams.recordings.restore_recordings`).
+    With one of few subjects left out, a classifier changes so much that its evidence has another
+    scale. Parts of one recording stay together
+    (`touchbench_streams.recordings.restore_recordings`).
     """
     subjects = recordings.subjects.astype(str)
     if len(set(subjects)) >= FEWEST_FOR_INTERVAL:

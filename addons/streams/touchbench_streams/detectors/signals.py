@@ -1,4 +1,4 @@
-"""Signals of the ticks of a stream for the detector `frames`, and what its classifier sees of them."""
+"""Signals of ticks for the detector `frames`, and the features of its classifier."""
 
 from __future__ import annotations
 
@@ -7,44 +7,40 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, rank_filter
 
-COMMON = 0.4  # quantile over taxels that a change of all taxels moves, too
-HIGHEST = 25  # one of so many taxels is among the highest
+COMMON = 0.4  # quantile over taxels that estimates a change of all taxels
+HIGHEST = 25  # one in so many taxels is among the highest
 MINIMA, MAXIMA, MEDIAN = (1, 2, 4, 10, 40), (2, 5, 15, 60), 30  # ticks that features look back
 RISES = 8  # ticks of which the largest rise counts
 LEVELS = 5  # signals that are levels: mean, excess, highest, movement, highest movement
-MOVEMENT, COMMON_LEVEL = 3, 9  # signals that tell whether the sensor is disturbed
-PACES = (
-    1.0,
-    7.5,
-)  # seconds of slow means that readings are compared with; chosen on HAART with noise and CuddleBot
-CHANGES = 3 * len(PACES)  # signals from these: mean over taxels, highest less mean, SD
-CALM, CALMEST = 60, 0.25  # ticks, and the share of them in which all taxels move together least
+MOVEMENT, COMMON_LEVEL = 3, 9  # signals that measure disturbance
+# Seconds of slow means that readings are compared with; chosen on HAART with noise and CuddleBot.
+PACES = (1.0, 7.5)
+CHANGES = 3 * len(PACES)  # signals from slow means: mean over taxels, highest less mean, SD
+CALM, CALMEST = 60, 0.25  # ticks, and the share of them with the least common movement
 
 
 class Levels:
-    """Signals of a frame: its levels, how much of the skin it covers, where, and how it changes.
+    """Signals of a frame: levels, touched area and its centre, and changes.
 
-    The baseline of a taxel goes shares ``up`` and ``down`` of the way to a higher or a lower reading in a tick, and
-    slow means go ``paces``.
+    In a tick the baseline of a taxel goes shares ``up`` or ``down`` of the way to a higher or a
+    lower reading, and slow means go shares ``paces``.
     """
 
     def __init__(self, up: float, down: float, paces: Sequence[float]) -> None:
-        self.up, self.down, self.paces = (
-            np.float32(up),
-            np.float32(down),
-            np.array(paces, np.float32)[:, None],
-        )
+        self.up, self.down = np.float32(up), np.float32(down)
+        self.paces = np.array(paces, np.float32)[:, None]
         self.baseline = self.before = self.slow = np.zeros((0, 0), np.float32)
 
     def step(self, frame: np.ndarray) -> np.ndarray:
-        """The signals of the next frame."""
+        """Signals of the next frame."""
         return self.step_many(frame[None])[0]
 
     def step_many(self, frames: np.ndarray) -> np.ndarray:
         """Signals of the next frames [ticks, rows, cols], as if they came one by one.
 
-        Levels (mean, excess, its highest, the same two of its change), area, cosine to the tick before, centroid, what
-        taxels share, and of what readings are above each slow mean: their mean, how far the highest exceed it, SD.
+        They are levels (mean, excess, its highest, the same two of its change), area, cosine to
+        the tick before, centroid, the common level of taxels, and of readings above each slow mean
+        their mean, how far the highest exceed it, and SD.
         """
         raw = flat = frames.reshape(len(frames), -1).astype(np.float32)
         size, taxels = max(frames.shape[1:]), flat.shape[1]
@@ -55,27 +51,25 @@ class Levels:
         if not len(self.before):
             self.baseline, self.before = flat[0].copy(), np.zeros((1, taxels), np.float32)
             self.slow = np.repeat(raw[:1], len(self.paces), axis=0)
-        every = np.concatenate([self.before, np.maximum(self._subtract_baseline(flat), 0)])
-        above, before, self.before = every[1:], every[:-1], every[-1:].copy()
+        excess = np.concatenate([self.before, np.maximum(self._subtract_baseline(flat), 0)])
+        above, before, self.before = excess[1:], excess[:-1], excess[-1:].copy()
         moved = np.abs(above - before)
-        total, squares = above.sum(axis=1), (every * every).sum(axis=1)
+        total, squares = above.sum(axis=1), (excess * excess).sum(axis=1)
         area = _divide(total * total, squares[1:], 0) / taxels
-        near = _divide((above * before).sum(axis=1), np.sqrt(squares[1:] * squares[:-1]), 1)
+        cosine = _divide((above * before).sum(axis=1), np.sqrt(squares[1:] * squares[:-1]), 1)
         rows, cols = np.divmod(np.arange(taxels), frames.shape[2])
-        y, x = (_divide((above * where).sum(axis=1), total, 0) / size for where in (rows, cols))
-        mean, excess, movement = (each.sum(axis=1) / taxels for each in (flat, above, moved))
-        levels = mean, excess, _mean_of_highest(above), movement, _mean_of_highest(moved)
+        y, x = (_divide((above * part).sum(axis=1), total, 0) / size for part in (rows, cols))
+        mean, mean_excess, movement = (v.sum(axis=1) / taxels for v in (flat, above, moved))
+        levels = mean, mean_excess, _mean_of_highest(above), movement, _mean_of_highest(moved)
         changes = []
-        for each in self._subtract_slow_means(raw):
-            changes += [
-                each.mean(axis=1),
-                _mean_of_highest(each) - each.mean(axis=1),
-                each.std(axis=1),
-            ]
-        return np.stack([*levels, area, near, y, x, common, *changes], axis=1).astype(np.float32)
+        for change in self._subtract_slow_means(raw):
+            mean_change = change.mean(axis=1)
+            changes += [mean_change, _mean_of_highest(change) - mean_change, change.std(axis=1)]
+        columns = [*levels, area, cosine, y, x, common, *changes]
+        return np.stack(columns, axis=1).astype(np.float32)
 
     def _subtract_slow_means(self, raw: np.ndarray) -> np.ndarray:
-        """Readings less each of the slow means, which follow them [paces, ticks, taxels]."""
+        """Subtract from readings each slow mean, which follows them [paces, ticks, taxels]."""
         above = np.empty((len(raw), *self.slow.shape), np.float32)
         for tick, now in zip(above, raw, strict=True):
             self.slow += self.paces * (now - self.slow)
@@ -83,7 +77,7 @@ class Levels:
         return above.swapaxes(0, 1)
 
     def _subtract_baseline(self, flat: np.ndarray) -> np.ndarray:
-        """Frames less the baseline, which follows them."""
+        """Subtract the baseline, which follows the frames."""
         above = np.empty_like(flat)
         for tick, now in zip(above, flat, strict=True):
             np.subtract(now, self.baseline, out=tick)
@@ -91,9 +85,10 @@ class Levels:
         return above
 
 
-def _divide(part: np.ndarray, whole: np.ndarray, without: float) -> np.ndarray:
-    """The part of each whole [ticks]; another value without a whole."""
-    return np.divide(part, whole, out=np.full_like(part, without), where=whole > 0)
+def _divide(numerator: np.ndarray, denominator: np.ndarray, default: float) -> np.ndarray:
+    """Divide [ticks]; the default where the denominator is not above 0."""
+    quotient = np.full_like(numerator, default)
+    return np.divide(numerator, denominator, out=quotient, where=denominator > 0)
 
 
 def _mean_of_highest(values: np.ndarray) -> np.ndarray:
@@ -103,11 +98,11 @@ def _mean_of_highest(values: np.ndarray) -> np.ndarray:
 
 
 def tick_features(signals: np.ndarray, offsets: np.ndarray, idle: np.ndarray) -> np.ndarray:
-    """What the classifier sees of each tick, from the signals of this tick and those before it [ticks, features].
+    """Features of each tick, from its signals and earlier ones [ticks, features].
 
-    The first tick of a stream is its own baseline, and nothing has moved yet. Its levels, without the mean, are set to
-    the levels of an idle sensor; else the next ticks would look like a rise. Logarithms are taken after offsets are
-    added to each level and to the size of each change.
+    The first tick of a stream is its own baseline, and nothing has moved yet. Its levels, except
+    the mean, are set to those of an idle sensor; otherwise the next ticks would look like a rise.
+    Logarithms are taken after offsets are added to each level and to the size of each change.
     """
     levels = signals[:, :LEVELS].copy()
     levels[0, 1:] = idle[1:]
@@ -119,15 +114,11 @@ def tick_features(signals: np.ndarray, offsets: np.ndarray, idle: np.ndarray) ->
     columns = [*np.stack(looks).transpose(2, 0, 1).reshape(-1, len(logs))]
     change = np.diff(logs[:, 1], prepend=logs[:1, 1])
     rise, fall = np.maximum(change, 0), np.maximum(-change, 0)
-    columns += [
-        rise,
-        fall,
-        rise - _running_median(rise, MEDIAN),
-        fall - _running_median(fall, MEDIAN),
-    ]
+    columns += [rise, fall]
+    columns += [change - _running_median(change, MEDIAN) for change in (rise, fall)]
     columns.append(_past_extreme(maximum_filter1d, rise, RISES))
-    area, near = signals[:, LEVELS : LEVELS + 2].T
-    columns += [area, np.diff(area, prepend=area[:1]), near]
+    area, cosine = signals[:, LEVELS : LEVELS + 2].T
+    columns += [area, np.diff(area, prepend=area[:1]), cosine]
     centre = signals[:, LEVELS + 2 : LEVELS + 4]
     speed = np.abs(np.diff(centre, axis=0, prepend=centre[:1])).sum(axis=1)
     changes = signals[:, -CHANGES:].copy()
@@ -137,25 +128,25 @@ def tick_features(signals: np.ndarray, offsets: np.ndarray, idle: np.ndarray) ->
 
 
 def measure_disturbance(signals: np.ndarray) -> np.ndarray:
-    """How disturbed the sensor is in each tick by each of `KINDS` [ticks, 2].
+    """How disturbed the sensor is in each tick by vibration and by noise [ticks, 2].
 
-    Vibration: the lower quartile of the changes of what all taxels share. Noise: the least movement of the last ticks,
-    as some are without touch. The first tick has none, so that a stream counts as calm until it has left the window.
+    Vibration: the lower quartile of the changes of the common level. Noise: the least movement in
+    the last ticks, as some are without touch. The first tick has no change, so that a stream counts
+    as calm until it has left the window.
     """
     change = np.abs(np.diff(signals[:, COMMON_LEVEL], prepend=signals[:1, COMMON_LEVEL]))
     rank = int(CALMEST * CALM)
     vibration = rank_filter(change, rank, CALM, origin=(CALM - 1) // 2, mode="nearest")
-    return np.stack(
-        [vibration, _past_extreme(minimum_filter1d, signals[:, MOVEMENT], CALM)], axis=1
-    )
+    noise = _past_extreme(minimum_filter1d, signals[:, MOVEMENT], CALM)
+    return np.stack([vibration, noise], axis=1)
 
 
 def _past_extreme(extreme: Callable[..., np.ndarray], series: np.ndarray, size: int) -> np.ndarray:
-    """The lowest or highest of the last so many ticks [ticks, ...]."""
+    """The lowest or highest of the last ``size`` ticks [ticks, ...]."""
     return extreme(series, size, axis=0, origin=(size - 1) // 2, mode="nearest")
 
 
 def _running_median(series: np.ndarray, size: int) -> np.ndarray:
-    """The median of the last so many ticks [ticks, ...]."""
+    """The median of the last ``size`` ticks [ticks, ...]."""
     padded = np.concatenate([np.repeat(series[:1], size - 1, axis=0), series])
     return np.median(np.lib.stride_tricks.sliding_window_view(padded, size, axis=0), axis=-1)

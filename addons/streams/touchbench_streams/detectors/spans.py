@@ -1,4 +1,4 @@
-"""Ticks of a stream, and the touches in them: when each is reported, named and over."""
+"""Touches in the ticks of a stream: when each is reported, named and over."""
 
 from __future__ import annotations
 
@@ -8,33 +8,29 @@ import numpy as np
 
 from touchbench_streams.detectors.base import Sign
 
-GROWTH = 1.25  # a touch is named again when it is so many times as long
-SURE = 0.5  # confidence in touch of the last tick that a name is made from
+GROWTH = 1.25  # a touch is named again when its length has grown by this factor
+SURE = 0.5  # least confidence in touch in the last tick that a name is made from
 
 
 def average_blocks(frames: np.ndarray, count: int) -> np.ndarray:
-    """Means of blocks of frames, float32; of fewer frames than one block, their mean."""
+    """Means of blocks of ``count`` frames, float32; of fewer frames, their mean."""
     count = min(count, len(frames))
-    whole = len(frames) // count * count
-    return (
-        frames[:whole]
-        .reshape(-1, count, *frames.shape[1:])
-        .mean(axis=1, dtype=np.float64)
-        .astype(np.float32)
-    )
+    used = len(frames) // count * count
+    blocks = frames[:used].reshape(-1, count, *frames.shape[1:])
+    return blocks.mean(axis=1, dtype=np.float64).astype(np.float32)
 
 
 @dataclass
 class Span:
-    """A touch that rules report; times are frames seen.
+    """A reported touch; times are counted in frames seen.
 
     Attributes:
         reported: time of the report.
         end: time of the end, or of the last tick so far.
-        named: beginning and end of the frames that it is named from, at the report and as it grows. A long touch has
-            parts that follow one another, and each name comes from one of them.
-        last: the same for its name at the end, if it ends before it is named again; None if that is the last of
-            ``named``.
+        named: beginning and end of the frames that it is named from, at the report and as it grows.
+            A long touch has consecutive parts, and each name comes from one of them.
+        last: the same for its name at the end, if it ends before it is named again; None if that
+            is the last of ``named``.
     """
 
     reported: int
@@ -46,8 +42,9 @@ class Span:
 class Touches:
     """The touches of a stream from its signs, one tick after another; nothing looks ahead.
 
-    Names come from one part of a touch after another, none much longer than ``longest`` ticks of ``count`` frames: a
-    chip cannot keep the frames of the last seconds, but it can sum up those since a part began.
+    A touch is named from one part after another, none much longer than ``longest`` ticks of
+    ``count`` frames: a chip cannot keep the frames of the last seconds, but it can sum up those
+    since a part began.
     """
 
     def __init__(self, count: int, longest: int) -> None:
@@ -58,21 +55,20 @@ class Touches:
         self.due = 0.0
 
     def step(self, sign: Sign | tuple[float, float, bool]) -> Span | None:
-        """Take the sign of the next tick; the touch that is over with it."""
+        """Take the sign of the next tick; return the touch that ends with it."""
         touch, since, report = sign
         self.tick += 1
-        over = bool(report or since <= 1)  # at 1, another touch begins
-        if over or touch < SURE:
+        is_over = bool(report or since <= 1)  # at 1, another touch begins
+        if is_over or touch < SURE:
             self._plan_last_name()
-        ended = self.lasting if over else None
-        if over:
-            self.lasting = None
+        ended = None
+        if is_over:
+            ended, self.lasting = self.lasting, None
         if touch >= SURE:
             self.sure = self.tick
         if report:
-            self.start = max(
-                self.tick - int(since) - 1, 0
-            )  # with the tick before, in which the touch may have begun
+            # one tick earlier, in which the touch may have begun
+            self.start = max(self.tick - int(since) - 1, 0)
             self.first = self.tick - self.start
             self.lasting = Span(self.tick * self.count, self.tick * self.count, [])
             self._plan_name(self.tick)
@@ -88,7 +84,7 @@ class Touches:
         return ended
 
     def end_stream(self) -> Span | None:
-        """The touch that lasts where the stream ends."""
+        """Return the touch that has not ended at the end of the stream."""
         self._plan_last_name()
         return self.lasting
 
@@ -107,10 +103,7 @@ class Touches:
 
 
 def find_spans(signs: np.ndarray, count: int, longest: int) -> list[Span]:
-    """The touches that are reported, from the signs of one recording; arguments of `Touches`."""
+    """Reported touches of a recording, from its signs; the arguments are those of `Touches`."""
     touches = Touches(count, longest)
-    return [
-        span
-        for span in [*map(touches.step, signs.tolist()), touches.end_stream()]
-        if span is not None
-    ]
+    spans = [*map(touches.step, signs.tolist()), touches.end_stream()]
+    return [span for span in spans if span is not None]

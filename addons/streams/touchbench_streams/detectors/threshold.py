@@ -1,4 +1,4 @@
-"""The detector `threshold`: the mean pressure above a slow baseline of each taxel, two ticks in a row."""
+"""The detector `threshold`: mean pressure above slow baselines, two ticks in a row."""
 
 from __future__ import annotations
 
@@ -15,14 +15,17 @@ ENDS = 0.5  # share of the threshold below which a touch is over
 
 
 class Excess:
-    """The mean pressure above the baseline of each taxel, which follows it up and down by shares in a tick."""
+    """Mean pressure above the baseline of each taxel.
+
+    In a tick the baseline goes shares ``up`` or ``down`` of the way to the reading.
+    """
 
     def __init__(self, up: float, down: float) -> None:
         self.up, self.down = np.float32(up), np.float32(down)
         self.baseline: np.ndarray | None = None
 
     def step(self, frame: np.ndarray) -> np.ndarray:
-        """The mean excess of a frame [1], and the baseline after it."""
+        """Mean excess of a frame [1]; the baseline follows."""
         if self.baseline is None:
             self.baseline = np.array(frame, np.float32)
         above = frame - self.baseline
@@ -31,7 +34,7 @@ class Excess:
 
 
 class TwoInARow:
-    """A touch is reported at the second tick above a level, and is over below half of it."""
+    """Report a touch at the second tick above a level; it is over below half of the level."""
 
     def __init__(self, level: float) -> None:
         self.level, self.since, self.reported = level, 0, False
@@ -39,24 +42,23 @@ class TwoInARow:
     def step(self, evidence: np.ndarray) -> Sign:
         """Take the evidence of a tick: the excess, in units of that of training touches."""
         excess = float(evidence[0])
-        self.since = (
-            self.since + 1
-            if excess > (self.level if not self.reported else ENDS * self.level)
-            else 0
-        )
+        threshold = ENDS * self.level if self.reported else self.level
+        self.since = self.since + 1 if excess > threshold else 0
         report = self.since == 2 and not self.reported
         self.reported = self.since > 0 and (self.reported or report)
-        return Sign(excess / (excess + self.level) if excess > 0 else 0.0, self.since, report)
+        touch = excess / (excess + self.level) if excess > 0 else 0.0
+        return Sign(touch, self.since, report)
 
 
 @dataclass
 class Threshold(Detector):
-    """The mean pressure above a slow baseline of each taxel, two ticks in a row: the reference for all others.
+    """Mean pressure above a slow baseline of each taxel, two ticks in a row; the simple reference.
 
     Args:
-        tick: seconds of a tick, at least one frame. Default: chosen on recordings of a skin at 7 Hz.
-        up: seconds in which the baseline follows a higher reading: much longer than a touch. Default: the longest touch
-            of HAART.
+        tick: seconds of a tick, at least one frame. Default: chosen on recordings of a skin at
+            7 Hz.
+        up: seconds in which the baseline follows a higher reading: much longer than a touch.
+            Default: the longest touch of HAART.
         down: seconds in which it follows a lower one. Default: shorter than most gaps.
     """
 
@@ -74,14 +76,14 @@ class Threshold(Detector):
         return Excess(self.tick / self.up, self.tick / self.down)
 
     def fit(self, signals: list[np.ndarray], recordings: Recordings) -> Self:
-        """The median excess in training touches."""
+        """Learn the median excess in training touches."""
         touched = [s[recordings[[i]].frame_labels() != "", 0] for i, s in enumerate(signals)]
         fitted = replace(self)
         fitted.unit_ = float(np.median(np.concatenate(touched))) or 1.0
         return fitted
 
     def evidence(self, signals: np.ndarray) -> np.ndarray:
-        """The excess in units of training touches."""
+        """Excess in units of training touches."""
         return signals / np.float32(self.unit_)
 
     def rules(self, level: float) -> TwoInARow:
@@ -89,17 +91,17 @@ class Threshold(Detector):
         return TwoInARow(level)
 
     def find_reports(self, evidence: np.ndarray, levels: np.ndarray) -> list[np.ndarray]:
-        """All levels at once."""
-        since, known = np.zeros(len(levels), np.int64), np.zeros(len(levels), bool)
+        """As of `Detector`; all levels at once."""
+        since, is_reported = np.zeros(len(levels), np.int64), np.zeros(len(levels), bool)
         reports = np.zeros((len(levels), len(evidence)), bool)
         for report, excess in zip(reports.T, evidence[:, 0].astype(np.float64), strict=True):
-            since = (since + 1) * (excess > np.where(known, ENDS * levels, levels))
-            report[:] = (since == 2) & ~known
-            known = (since > 0) & (known | report)
-        return [np.flatnonzero(each) for each in reports]
+            since = (since + 1) * (excess > np.where(is_reported, ENDS * levels, levels))
+            report[:] = (since == 2) & ~is_reported
+            is_reported = (since > 0) & (is_reported | report)
+        return [np.flatnonzero(of_level) for of_level in reports]
 
     def in_c(self) -> DetectorC:
-        """As `touchbench_streams.detectors.detector.Detector.in_c`."""
+        """As of `touchbench_streams.detectors.detector.Detector`."""
         constants = (
             "The baseline; the excess of training touches, learned; where a touch is over.",
             {

@@ -1,4 +1,4 @@
-"""How a detector and a recogniser learn to watch a stream together, and watch it."""
+"""Learn to watch a stream with a detector and a recogniser, and watch it."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from touchbench_streams.events import report_table
 from touchbench_streams.recent import Recent, find_saturated
 from touchbench_streams.recordings import Recordings
 
-FOLDS = "12"  # at most, of training recordings for the choice of the threshold
+FOLDS = "12"  # most folds of training recordings for the choice of the threshold
 
 
 def learn_watcher(
@@ -46,43 +46,51 @@ def learn_watcher(
     recordings: Recordings,
     false_alarms: float,
 ) -> tuple[TickWatcher, pd.DataFrame]:
-    """Learn to watch from recordings of training subjects, parted where doubtful stretches were.
+    """Learn to watch from recordings of training subjects.
 
-    Each subject is left out for the choice of the threshold, for so many accepted false alarms per hour of background.
-    The system is fitted to captures of the same subjects. Also returns the thresholds that were tried (`sweep_recordings`).
+    Each subject is left out in turn for the choice of the threshold.
+
+    Args:
+        detector: before training.
+        make_system: makes a new system.
+        system: fitted to captures of the same subjects.
+        recordings: cut where doubtful stretches were.
+        false_alarms: accepted per hour of background.
+
+    Returns:
+        The watcher, and the sweep of thresholds (`sweep_levels`).
     """
-    seen = replace(
-        recordings, corpus=apply_steps(recordings.corpus, split_causal_steps(system)[0])[0]
-    )
-    count = count_frames_per_tick(detector.tick, seen.corpus.rate_hz)
-    ticks = average_into_ticks(seen, count)
+    corpus = apply_steps(recordings.corpus, split_causal_steps(system)[0])[0]
+    stepped = replace(recordings, corpus=corpus)
+    count = count_frames_per_tick(detector.tick, corpus.rate_hz)
+    ticks = average_into_ticks(stepped, count)
     signals = [detector.signals_of(ticks.corpus[i]) for i in range(len(ticks))]
     others, evidence = detector.fit_held_out(signals, ticks, FOLDS)
-    settings = sweep_levels(others, recordings, evidence, count, detector.levels)
-    level = float(settings["level"][score_levels(settings, false_alarms).idxmax()])
+    sweep = sweep_levels(others, recordings, evidence, count, detector.levels)
+    level = float(sweep["level"][score_levels(sweep, false_alarms).idxmax()])
     names = fit_names(make_system, recordings)
-    fitted = copy(detector).fit(signals, ticks).fit_disturbed(others, seen, level, false_alarms)
-    return TickWatcher(
-        system, names, fitted, level, count, points=choose_operating_points(settings, level)
-    ), settings
+    fitted = copy(detector).fit(signals, ticks)
+    fitted = fitted.fit_disturbed(others, stepped, level, false_alarms)
+    points = choose_operating_points(sweep, level)
+    return TickWatcher(system, names, fitted, level, count, points=points), sweep
 
 
 @dataclass(eq=False)
 class TickWatcher:
     """A fitted system and a detector that learned from recordings.
 
-    What it makes of a frame depends on this frame and those before it, and its memory does not grow. A touch is named
-    when it is reported, from its frames so far, and again as it grows.
+    Its output depends on the current frame and earlier ones, and its memory does not grow. A touch
+    is named when it is reported, from its frames so far, and again as it grows.
 
     Attributes:
         system: fitted to captures.
-        names: the system that names touches, fitted to beginnings and whole touches.
+        names: the system that names touches, fitted to beginnings and to whole touches.
         detector: fitted to training recordings.
         level: threshold, learned for a number of false alarms per hour.
         count: frames of a tick.
         reject: confidence below which a label is ``unknown``; 0 for never.
-        points: level, false alarms, hours of background and share of touches found of operating points on training
-            recordings, from the strictest to the most eager.
+        points: operating points from the strictest to the most eager: level, and on training
+            recordings false alarms, hours of background and share of touches found.
     """
 
     system: contract.System
@@ -95,55 +103,60 @@ class TickWatcher:
 
     @property
     def numbers(self) -> int:
-        """Learned numbers: of the detector, and of the system that names in place of the one fitted to captures."""
+        """Count of learned numbers besides those of the system."""
         return self.detector.numbers + count_parameters(self.names) - count_parameters(self.system)
 
     @property
     def chosen(self) -> dict[str, object]:
-        """What training has chosen, by name."""
+        """Values chosen in training, by name."""
         learned = {"level": self.level, "reject": self.reject} | self.detector.chosen
         return {"detector": type(self.detector).__name__.lower()} | learned
 
     @property
     def soonest(self) -> int:
-        """Frames from the start of a touch to its report, at least."""
+        """Fewest frames from the start of a touch to its report."""
         return self.detector.soonest * self.count
 
     def open_stream(self, grid: tuple[int, int], rate_hz: float, full_scale: float) -> TickStream:
-        """The same on frames that come one by one."""
+        """Start watching a stream frame by frame."""
         return TickStream(self, grid, rate_hz, full_scale)
 
     def in_c(self, classes: list[str], rate_hz: float) -> DetectorC | None:
-        """What its C needs: that of the detector, and of the names."""
-        derived = "in_c" not in vars(
-            type(self.detector)
-        )  # what derives from a detector with C may compute otherwise
-        inner = None if derived else self.detector.in_c()
-        if inner is None:
+        """The C of the detector and of the names; None if the detector has none."""
+        if "in_c" not in vars(type(self.detector)):  # a subclass may compute something else
             return None
-        longest, named = longest_part(rate_hz, self.count), split_causal_steps(self.names)[1]
-        times = {"TICK": self.count, "PART_TICKS": longest, "NAMED": len(named.classes_)}
-        constants = ("Frames of a tick, ticks of a part of a touch, gestures.", times)
-        again = {"GROWTH": GROWTH, "REJECT": self.reject}
-        naming = ("When a touch is named again, and from which confidence on.", again)
+        of_detector = self.detector.in_c()
+        if of_detector is None:
+            return None
+        longest, namer = longest_part(rate_hz, self.count), split_causal_steps(self.names)[1]
+        part = max(longest, self.detector.latest + 1)
+        sizes = {"TICK": self.count, "PART_TICKS": longest, "NAMED": len(namer.classes_)}
+        naming = {"GROWTH": GROWTH, "REJECT": self.reject}
         state = (
-            *(("float tick[{TAXELS}];  /* sum of its frames */",) if self.count > 1 else ()),
-            "int within, length, first, named, sure, after;  /* frames of the tick; ticks of the part and its names */",
+            "int within, length, first, named, sure, after;  "
+            "/* frames of the tick; ticks of the part and its names */",
             "int is_reported, label;  /* of the touch that lasts */",
             "uint32_t reported, end;  /* frames; modulo 2^32 */",
-            "float due, weight, sum[{NAMED}], last[{NAMED}];  /* next name; of the names so far; of that at the end */",
+            "float due, weight, sum[{NAMED}], last[{NAMED}];  "
+            "/* next name; of the names so far; of that at the end */",
         )
+        if self.count > 1:
+            state = ("float tick[{TAXELS}];  /* sum of its frames */", *state)
+        classes_of_names = np.searchsorted(classes, namer.classes_.astype(str)).astype(np.int8)
         return replace(
-            inner,
-            code=f"{read_c_beside(__file__)}\n{inner.code}",
-            state=state + inner.state,
-            constants=(constants, naming, *inner.constants),
-            frames=(max(longest, self.detector.latest + 1) + 1) * self.count,
-            part=max(longest, self.detector.latest + 1) * self.count,
+            of_detector,
+            code=f"{read_c_beside(__file__)}\n{of_detector.code}",
+            state=state + of_detector.state,
+            constants=(
+                ("Frames of a tick, ticks of a part of a touch, gestures.", sizes),
+                ("When a touch is named again, and from which confidence on.", naming),
+                *of_detector.constants,
+            ),
+            frames=(part + 1) * self.count,
+            part=part * self.count,
             level=float(self.level),
-            arrays=inner.arrays
-            | {"class_of": np.searchsorted(classes, named.classes_.astype(str)).astype(np.int8)},
-            deciders={"name": named},
+            arrays=of_detector.arrays | {"class_of": classes_of_names},
+            deciders={"name": namer},
         )
 
     def with_system(
@@ -153,102 +166,93 @@ class TickWatcher:
         captures: Corpus,
         y: np.ndarray | None,
     ) -> TickWatcher:
-        """The same with another system, and names changed by these captures; they have not learned background."""
+        """A copy with another system, and names changed by captures of gestures that they know."""
         if y is not None:
-            known = np.isin(y, self.names.classes_)
-            captures, y = captures[known], y[known]
+            is_named = np.isin(y, self.names.classes_)  # background is not
+            captures, y = captures[is_named], y[is_named]
         return replace(self, system=system, names=change(self.names, captures, y))
 
     def apply_frame_steps(self, recordings: Corpus) -> Corpus:
-        """Recordings without their labels, after the steps that are done frame by frame."""
-        return apply_steps(
-            contract.blind_captures(self.system, recordings), split_causal_steps(self.system)[0]
-        )[0]
+        """Recordings without their labels, after the steps that work frame by frame."""
+        captures = contract.blind_captures(self.system, recordings)
+        return apply_steps(captures, split_causal_steps(self.system)[0])[0]
 
     def collect_evidence(self, recordings: Corpus) -> list[np.ndarray]:
-        """The evidence of each recording, tick by tick."""
-        seen = self.apply_frame_steps(recordings)
-        series = (
-            self.detector.signals_of(average_blocks(seen[i], self.count)) for i in range(len(seen))
-        )
-        return [self.detector.evidence(each) for each in series]
+        """Evidence of each recording, tick by tick."""
+        evidence = []
+        for frames in self.apply_frame_steps(recordings):
+            signals = self.detector.signals_of(average_blocks(frames, self.count))
+            evidence.append(self.detector.evidence(signals))
+        return evidence
 
     def count_refused(self, recordings: Corpus, evidence: list[np.ndarray]) -> np.ndarray:
-        """Frames of each recording that are saturated, or whose last tick is unlike all training; int64."""
+        """Count saturated frames and those whose last tick is refused, int64 [recordings]."""
         counts = []
-        for stream, each in zip(recordings, evidence, strict=True):
-            tick = np.arange(1, len(stream) + 1) // self.count - 1  # the last whole one
-            silent = (tick >= 0) & self.detector.find_refused(each)[tick]
-            counts.append((silent | find_saturated(stream, recordings.full_scale)).sum())
+        for frames, series in zip(recordings, evidence, strict=True):
+            tick = np.arange(1, len(frames) + 1) // self.count - 1  # the last complete one
+            is_refused = (tick >= 0) & self.detector.find_refused(series)[tick]
+            is_saturated = find_saturated(frames, recordings.full_scale)
+            counts.append((is_refused | is_saturated).sum())
         return np.array(counts, dtype=np.int64)
 
     def sweep_recordings(self, recordings: Recordings, evidence: list[np.ndarray]) -> pd.DataFrame:
-        """Touches found, false alarms and reports of all levels, by their place relative to the learned one."""
-        levels = self.detector.levels
-        settings = sweep_levels(
-            [self.detector] * len(evidence), recordings, evidence, self.count, levels
-        )
+        """Count hits, false alarms and reports at all levels, by offset from the learned one."""
+        levels, detectors = self.detector.levels, [self.detector] * len(evidence)
+        sweep = sweep_levels(detectors, recordings, evidence, self.count, levels)
         learned = int(np.abs(levels - self.level).argmin())
-        return settings[["hits", "alarms", "reports"]].assign(
-            offset=np.arange(len(settings)) - float(learned)
-        )
+        offset = np.arange(len(sweep)) - float(learned)
+        return sweep[["hits", "alarms", "reports"]].assign(offset=offset)
 
     def touch_probability(self, evidence: np.ndarray) -> pd.DataFrame:
-        """How sure the rules are of touch in one recording."""
+        """Confidence of the rules in touch, after each tick of one recording."""
         signs = run_rules(self.detector.rules(self.level), evidence)
-        return pd.DataFrame(
-            {"reported": self.count * np.arange(1, len(signs) + 1), "confidence": signs[:, 0]}
-        )
+        reported = self.count * np.arange(1, len(signs) + 1)
+        return pd.DataFrame({"reported": reported, "confidence": signs[:, 0]})
 
-    def decide(self, recording: Corpus, end: int) -> None:
-        """Do the work of one decision after so many frames: signals and evidence of a tick, and a name."""
+    def decide_once(self, recording: Corpus, end: int) -> None:
+        """Do the work of one decision, to be timed: signals and evidence of a tick, and a name."""
         frames = recording[0][max(0, end - self.count) : max(end, self.count)]
-        ring = np.repeat(
-            self.detector.signals().step(average_blocks(frames, self.count)[0])[None],
-            self.detector.memory,
-            0,
-        )
-        self.detector.evidence(ring)
+        signals = self.detector.signals().step(average_blocks(frames, self.count)[0])
+        self.detector.evidence(np.repeat(signals[None], self.detector.memory, axis=0))
         begin = max(0, end - round(LONGEST_S * recording.rate_hz))
         name_probabilities(self.names, recording, np.array([begin]), np.array([end]))
 
     def report_touches(
         self, recordings: Corpus, evidence: list[np.ndarray] | None = None
     ) -> pd.DataFrame:
-        """Touches in recordings, each as if its frames came one by one."""
-        seen = self.apply_frame_steps(recordings)
+        """Report the touches in recordings, as if the frames came one by one."""
+        stepped = self.apply_frame_steps(recordings)
         evidence = self.collect_evidence(recordings) if evidence is None else evidence
         rows: list[tuple] = []
         for i, series in enumerate(evidence):
             signs = run_rules(self.detector.rules(self.level), series)
-            touches = find_spans(signs, self.count, longest_part(seen.rate_hz, self.count))
+            touches = find_spans(signs, self.count, longest_part(stepped.rate_hz, self.count))
             if not touches:
                 continue
-            asked = [[*touch.named, *filter(None, [touch.last])] for touch in touches]
-            begin, end = np.array([span for each in asked for span in each], dtype=np.int64).T
-            named = name_probabilities(self.names, seen[[i]], begin, end)
-            parts = np.cumsum([len(each) for each in asked])[:-1]
-            for touch, each, frames in zip(
-                touches, np.split(named, parts), np.split(end - begin, parts), strict=True
-            ):
-                mean = frames @ each / frames.sum()  # longer spans count more
-                (first, _), (label, sure) = self.choose_label(each[0]), self.choose_label(mean)
-                rows.append((i, touch.reported, touch.end, first, label, sure))
+            spans = [[*touch.named, *filter(None, [touch.last])] for touch in touches]
+            begin, end = np.array(sum(spans, []), dtype=np.int64).T
+            proba = name_probabilities(self.names, stepped[[i]], begin, end)
+            firsts = np.cumsum([len(of_touch) for of_touch in spans])[:-1]
+            probas, lengths = np.split(proba, firsts), np.split(end - begin, firsts)
+            for touch, of_touch, frames in zip(touches, probas, lengths, strict=True):
+                first, _ = self.choose_label(of_touch[0])
+                label, confidence = self.choose_label(frames @ of_touch / frames.sum())
+                rows.append((i, touch.reported, touch.end, first, label, confidence))
         return report_table(rows)
 
     def with_new_names(
         self, make_system: Callable[[], contract.System], captures: Corpus, recordings: Recordings
     ) -> TickWatcher:
-        """The same with names learned from other captures and their recordings; it rejects nothing."""
+        """A copy with names learned from other captures and recordings; it rejects nothing."""
         system = make_system().fit(captures, captures.gestures)
         return replace(self, system=system, names=fit_names(make_system, recordings), reject=0.0)
 
     def choose_label(self, proba: np.ndarray) -> tuple[str, float]:
-        """The gesture that is named, and how sure it is."""
-        sure, gestures = float(proba.max()), np.asarray(self.names.classes_).astype(str)
-        return (
-            str(gestures[proba.argmax()]) if sure > 0 and sure >= self.reject else UNKNOWN
-        ), sure
+        """The most probable gesture, or ``unknown`` if it is rejected, and its probability."""
+        confidence = float(proba.max())
+        if confidence > 0 and confidence >= self.reject:
+            return str(self.names.classes_[proba.argmax()]), confidence
+        return UNKNOWN, confidence
 
 
 class TickStream:
@@ -261,31 +265,28 @@ class TickStream:
         self.watcher, self.touches = watcher, Touches(watcher.count, longest)
         self.signals, self.rules = watcher.detector.signals(), watcher.detector.rules(watcher.level)
         self.ring: deque[np.ndarray] = deque(maxlen=watcher.detector.memory)
-        kept = (max(longest, watcher.detector.latest + 1) + 1) * watcher.count
-        self.recent = Recent(kept, grid, rate_hz, full_scale)
+        capacity = (max(longest, watcher.detector.latest + 1) + 1) * watcher.count
+        self.recent = Recent(capacity, grid, rate_hz, full_scale)
         self.is_refused = False
         self._reset_touch()
 
     def _reset_touch(self) -> None:
         self.event: Event | None = None
-        self.names, self.sum, self.weight = (
-            0,
-            np.zeros(len(self.watcher.names.classes_)),
-            0.0,
-        )  # so far
+        self.names = 0  # of the touch so far
+        self.sum, self.weight = np.zeros(len(self.watcher.names.classes_)), 0.0
         self.last: tuple[int, int] | None = None
-        self.after = (
-            self.sum,
-            0.0,
-        )  # what the name at the end adds, if the touch ends before it is named again
+        # sum and weight of the name at the end, if the touch ends before it is named again
+        self.last_name = self.sum, 0.0
 
     @property
     def status(self) -> str:
-        """``ok``, ``saturated`` (many taxels are at full scale), or ``refused`` (frames are unlike all training)."""
-        return "saturated" if self.recent.is_saturated else "refused" if self.is_refused else "ok"
+        """``saturated`` (many taxels at full scale), ``refused`` (unlike training) or ``ok``."""
+        if self.recent.is_saturated:
+            return "saturated"
+        return "refused" if self.is_refused else "ok"
 
     def push(self, frame: np.ndarray) -> list[Event]:
-        """Take a frame [rows, cols]; the events that it ends, reports or renames, in this order."""
+        """Take a frame [rows, cols]; return events that it ends, reports or renames, in order."""
         self.recent.push(frame)
         if self.recent.seen % self.watcher.count:
             return []
@@ -294,43 +295,40 @@ class TickStream:
         self.ring.append(self.signals.step(tick))
         evidence = self.watcher.detector.evidence(np.stack(self.ring))[-1:]
         self.is_refused = bool(self.watcher.detector.find_refused(evidence)[0])
-        sign = self.rules.step(evidence[0])
-        ended = self.touches.step(sign)
+        ended = self.touches.step(self.rules.step(evidence[0]))
         news = []
         if ended is not None and self.event is not None:
             self._add_names(ended, recording)
-            label, sure = self.watcher.choose_label(
-                (self.sum + self.after[0]) / (self.weight + self.after[1])
-            )
-            news.append(replace(self.event, label=label, confidence=sure, end=ended.end))
+            last_sum, last_weight = self.last_name
+            mean = (self.sum + last_sum) / (self.weight + last_weight)
+            label, confidence = self.watcher.choose_label(mean)
+            news.append(replace(self.event, label=label, confidence=confidence, end=ended.end))
             self._reset_touch()
         lasting = self.touches.lasting
         if lasting is not None:
             self._add_names(lasting, recording)
-            label, sure = self.watcher.choose_label(self.sum / self.weight)
-            before = self.event
-            first = label if before is None else before.first
-            self.event = Event(lasting.reported, first, label, sure)
-            if before is None or before.label != label:
+            label, confidence = self.watcher.choose_label(self.sum / self.weight)
+            previous = self.event
+            first = label if previous is None else previous.first
+            self.event = Event(lasting.reported, first, label, confidence)
+            if previous is None or previous.label != label:
                 news.append(self.event)
         return news
 
     def _add_names(self, span: Span, recording: Corpus) -> None:
-        """Add the names that a touch has got since the last tick."""
+        """Add the names of a touch since the last tick."""
         for begin, end in span.named[self.names :]:
-            proba, weight = self._name(recording, begin, end)
+            proba, weight = self._name_frames(recording, begin, end)
             self.sum, self.weight = self.sum + proba, self.weight + weight
         self.names = len(span.named)
         if span.last != self.last:
-            self.last = span.last
-            self.after = (
-                (0 * self.sum, 0.0) if span.last is None else self._name(recording, *span.last)
-            )
+            self.last, self.last_name = span.last, (0 * self.sum, 0.0)
+            if span.last is not None:
+                self.last_name = self._name_frames(recording, *span.last)
 
-    def _name(self, recording: Corpus, begin: int, end: int) -> tuple[np.ndarray, float]:
+    def _name_frames(self, recording: Corpus, begin: int, end: int) -> tuple[np.ndarray, float]:
         """Probabilities from some frames of the stream, times their weight, and the weight."""
-        gone = self.recent.seen - len(self.recent.frames)
-        named = name_probabilities(
-            self.watcher.names, recording, np.array([begin - gone]), np.array([end - gone])
-        )[0]
-        return (end - begin) * named, float(end - begin)
+        dropped = self.recent.seen - len(self.recent.frames)
+        spans = np.array([begin - dropped]), np.array([end - dropped])
+        (proba,) = name_probabilities(self.watcher.names, recording, *spans)
+        return (end - begin) * proba, float(end - begin)

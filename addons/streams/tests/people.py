@@ -1,4 +1,4 @@
-"""Recordings of generated people, and results of ``bench watch`` as if it had made them."""
+"""Recordings of generated people, and made-up results of ``bench watch``."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -12,23 +12,25 @@ from bench.corpora.library import import_corpus
 from bench.ground.scratch import data_folder
 from bench.plan.grid import make_cells
 from bench.plan.plan import Fold, make_plans
-from tests.results import HAART, result
+from tests.reading.results import HAART, make_result
 from touchbench_streams import synth_recordings
 from touchbench_streams.study import Continuous
 
-TINY = "data=synth data.subjects=3 data.variants=normal data.rate_hz=20 data.rows=3 data.cols=3 jobs=1".split()
+TINY = ["data=synth", "data.subjects=3", "data.variants=normal", "data.rate_hz=20"]
+TINY += ["data.rows=3", "data.cols=3", "jobs=1"]
 FEW = {name: synth.GESTURES[name] for name in ("grab", "pat", "poke", "rub", "stroke", "tap")}
 
 
-def generated(**fields):
-    """Generated people with one touch of each of a few gestures, on 3 x 3 taxels."""
+def generate_people(**fields):
+    """Generate people with one touch of each of a few gestures, on 3 x 3 taxels."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(synth_recordings, "GESTURES", FEW)
         return synth_recordings.generate(variants=("normal",), rows=3, cols=3, **fields)
 
 
-PEOPLE = generated(subjects=3, rate_hz=15.0)
-WATCHED = pd.DataFrame(  # 100 s at 50 Hz, 10 s of it touched; one touch is found, one missed, one false alarm raised
+PEOPLE = generate_people(subjects=3, rate_hz=15.0)
+# 100 s at 50 Hz with 10 s of touch; one touch is found, one missed, one false alarm raised.
+WATCHED = pd.DataFrame(
     [("recording", np.nan, 5000, None, np.nan, None, None, np.nan)]
     + [
         ("touch", 500, 750, "pat", np.nan, None, None, np.nan),
@@ -46,8 +48,8 @@ WATCHED = pd.DataFrame(  # 100 s at 50 Hz, 10 s of it touched; one touch is foun
 ).assign(recording=0, subject="1", fold="1")
 
 
-def stored(name, frames, labels, subjects, rate_hz="15"):
-    """Recordings of 3 x 3 taxels, imported under a name."""
+def import_recordings(name, frames, labels, subjects, rate_hz="15"):
+    """Import recordings of 3 x 3 taxels under a name."""
     table = pd.DataFrame(frames.reshape(len(labels), -1), columns=[f"ch{i}" for i in range(9)])
     file = Path(data_folder(), f"{name}.parquet")
     file.parent.mkdir(parents=True, exist_ok=True)
@@ -57,20 +59,22 @@ def stored(name, frames, labels, subjects, rate_hz="15"):
     return import_corpus("recording", file, {"name": name, "rate_hz": rate_hz, "grid": "3x3"})
 
 
-def day(labels=None, frames=None):
-    """The recordings of `PEOPLE`, imported as ``day``; other labels and frames if given."""
+def import_day(labels=None, frames=None):
+    """Import the recordings of `PEOPLE` as ``day``, with other labels and frames if given."""
     labels = PEOPLE.frame_labels() if labels is None else labels
     frames = PEOPLE.corpus.frames if frames is None else frames
-    return stored("day", frames, labels, np.repeat(PEOPLE.subjects, PEOPLE.corpus.lengths))
+    return import_recordings(
+        "day", frames, labels, np.repeat(PEOPLE.subjects, PEOPLE.corpus.lengths)
+    )
 
 
-def plan_of_day():
+def make_day_plan():
     """The plan of ``bench watch data=day``."""
     found = make_cells({"data": "day", "model": "lda", "features": "touch"})
     return make_plans([replace(cell, run_kind=Continuous()) for cell in found], 1)[0]
 
 
-def leaving_out(subject, corpus):
+def fold_without(subject, corpus):
     """The fold that tests a subject."""
     return Fold(
         subject,
@@ -78,8 +82,8 @@ def leaving_out(subject, corpus):
     )
 
 
-def watched(system, end_correct, alarms, latency, flash=4000.0, tables=None, **about):
-    """A result of ``bench watch`` with the shares of touches of each subject that end with the correct label."""
+def make_watch_result(system, end_correct, alarms, latency, flash=4000.0, tables=None, **about):
+    """A result of ``bench watch`` with each subject's share of touches correct at the end."""
     metrics = {
         "end_correct": sum(end_correct) / len(end_correct),
         "touches_found": 0.9,
@@ -107,4 +111,4 @@ def watched(system, end_correct, alarms, latency, flash=4000.0, tables=None, **a
         "watch.background": "",
         "watch.unknown": "",
     }
-    return result(system, "watch", metrics, usual | (tables or {}), **HAART | options | about)
+    return make_result(system, "watch", metrics, usual | (tables or {}), **HAART | options | about)
