@@ -6,7 +6,7 @@ from pathlib import Path
 
 from bench.commands.printing import print_next_commands
 from bench.errors import InputError
-from bench.grammar.options import next_of_packages, typed_settings, workers_of_packages
+from bench.grammar.options import implementations_of_packages, next_of_packages, typed_settings
 from bench.ground.typed import Values, quote_value
 from bench.plan.grid import make_cells
 from bench.running.fit import Fitted, fit
@@ -33,7 +33,7 @@ def command(values: Values) -> int:
 def fit_from_values(values: Values) -> Fitted:
     """Train and save the system of typed values."""
     settings, learner = typed_settings("fit", values), None
-    for key, make_learner in workers_of_packages("fit").items():
+    for key, make_learner in implementations_of_packages("fit").items():
         if settings[key]:
             learner = make_learner(values)
         elif unused := [k for k in values if k.partition(".")[0] in make_learner.keys]:

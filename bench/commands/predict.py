@@ -20,7 +20,7 @@ def command(arguments: list[str]) -> int:
     """Classify the captures of a file; print or write a row for each."""
     words, values = parse_words(arguments, key_options("predict"), 2)
     model, recogniser, corpus = load_model_and_captures("predict", words, values)
-    table = recogniser.label_captures(corpus)
+    table = recogniser.label(corpus)
     table.insert(0, "capture", corpus.captures["capture"])
     if unlike := int(table["unlike"].sum()):
         warn(

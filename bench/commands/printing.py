@@ -80,7 +80,9 @@ def refuse_unwritable(out: Path) -> Iterator[None]:
         ) from e
 
 
-def print_tables(results: Sequence[Result], views: Sequence[tuple[View, Sequence[Result]]]) -> int:
+def print_results_and_failures(
+    results: Sequence[Result], views: Sequence[tuple[View, Sequence[Result]]]
+) -> int:
     """Print tables of runs in several views, notes and failures; return the exit code.
 
     Args:
@@ -92,7 +94,7 @@ def print_tables(results: Sequence[Result], views: Sequence[tuple[View, Sequence
         for result in members:
             if view.key == "run" and "chosen" in result.tables:
                 table_of_choices(result).print(out)
-        table_of_runs(members, view).print(out)
+        printed_runs_table(members, view).print(out)
     if any(r["synthetic"] == "true" for r in results):
         out.print("* synthetic: generated captures, not people; compare systems on a real corpus")
     if slower := {r.system: r["slowdown"] for r in results if r.get("slowdown", 0) > BUSY_SLOWDOWN}:
@@ -132,7 +134,7 @@ def _title_of_run(result: Result) -> str:
     return ", ".join(str(result[name]) for name in ("system", "data", "protocol"))
 
 
-def table_of_runs(results: Sequence[Result], view: View) -> Table:
+def printed_runs_table(results: Sequence[Result], view: View) -> Table:
     """Table of results, the most accurate first; the title has what they share."""
     results, best = _rank_results(results, view)
     names = dict(zip(results, name_rows(results), strict=True))

@@ -12,7 +12,7 @@ import pandas as pd
 from bench.commands.printing import (
     print_lines,
     print_next_commands,
-    print_tables,
+    print_results_and_failures,
     results_console,
 )
 from bench.commands.run_grids import print_missing_runs, read_grids
@@ -119,7 +119,7 @@ def print_results(name: str, results: list[Result], circumstances: Iterable[str]
     for view in map(load_view, circumstances if name == "run" else ()):
         if shown := [r for r in results if view.applies_to(r)]:  # none if all of them failed
             views.append((view, shown))
-    exit_code = print_tables(results, views)
+    exit_code = print_results_and_failures(results, views)
     for view, members in views:
         for part in view.further_output(members):
             part.print(results_console()) if isinstance(part, Table) else print_lines(part)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,7 +10,7 @@ from bench.commands.printing import print_lines, results_console
 from bench.errors import InputError
 from bench.grammar.options import DRY, RUN_KEYS, executor_keys, key_options, values_from_keywords
 from bench.ground.progress import format_estimate
-from bench.ground.typed import Values, format_arguments, format_value
+from bench.ground.typed import DOTTED, Values, format_arguments, format_value, parse_toml
 from bench.plan.plan import Plan
 from bench.running.loop import estimate_seconds, find_stored_runs
 from bench.running.workers import FoldExecutor
@@ -19,8 +18,6 @@ from bench.store.client import connect
 from bench.values.measures import Measure, text_measure
 from bench.values.result import format_count
 from bench.values.table import Table
-
-DOTTED = 'write a key with a dot in quotes, such as "model.C" = 8'
 
 
 def read_grids(file: str, typed: Values) -> tuple[str, dict[str, dict[str, object]]]:
@@ -37,14 +34,13 @@ def read_grids(file: str, typed: Values) -> tuple[str, dict[str, dict[str, objec
         )
     try:
         content = Path(file).read_bytes()
-        document = tomllib.loads(content.decode())
-    except (OSError, UnicodeError) as e:
-        reason = getattr(e, "strerror", None) or "not UTF-8 text"
+        document = parse_toml(content)
+    except OSError as e:
         raise InputError(
-            f"{file}: {reason}; give a TOML file of grids, see bench run --help"
+            f"{file}: {e.strerror}; give a TOML file of grids, see bench run --help"
         ) from e
-    except (ValueError, RecursionError) as e:
-        raise InputError(f"{file} is not TOML: {e}; {DOTTED}") from e
+    except InputError as e:
+        raise InputError(f"{file}: {e}") from e
     shared = {key: value for key, value in document.items() if not isinstance(value, dict)}
     tables = {key: value for key, value in document.items() if isinstance(value, dict)}
     if keys_of_run := [key for key in RUN_KEYS if key in tables]:  # model.C = 8 is a table to TOML

@@ -325,7 +325,7 @@ def check_saving(audited: AuditedSystem) -> str:
     content = cloudpickle.dumps(recogniser)
     proba = []
     for each in (recogniser, cloudpickle.loads(content)):
-        table = each.label_captures(audited.probe)
+        table = each.label(audited.probe)
         proba.append(table.drop(columns=["label", "confidence", "unlike"]))
     if difference := describe_difference(*proba):
         raise Mistake(f"saved and loaded, it gives other predictions: {difference}")

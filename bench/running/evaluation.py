@@ -9,7 +9,7 @@ import pandas as pd
 
 from bench import contract
 from bench.corpora.corpus import Corpus
-from bench.plan.splits import Tested
+from bench.plan.splits import SystemToTest
 from bench.running.fitted import FittedFold
 from bench.running.fold import (
     check_agreement,
@@ -18,7 +18,7 @@ from bench.running.fold import (
     limit_threads,
     measure_latency,
     memory_metrics,
-    predictions_table,
+    predict_to_table,
 )
 from bench.running.results import (
     FoldResult,
@@ -31,11 +31,11 @@ from bench.values import scores
 from bench.values.result import LABELS_TABLE, Result
 from bench.values.stability import clean_labels, find_failing_slices
 
-if TYPE_CHECKING:  # the code of plans is not that of numbers
+if TYPE_CHECKING:  # a change to plans must not change the key of a run
     from bench.plan.cells import Cell
     from bench.plan.plan import Fold, Plan
 
-ALL_FOLDS = "all"  # fold of windows that a protocol deals to folds: a label needs all of a capture
+ALL_FOLDS = "all"  # of windows that a protocol splits: a label needs all windows of a capture
 
 
 def evaluate_fold(cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
@@ -62,7 +62,7 @@ def evaluate_fold(cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldR
     return result
 
 
-def fitted_systems(cell: Cell, corpus: Corpus, fold: Fold) -> Iterable[Tested]:
+def fitted_systems(cell: Cell, corpus: Corpus, fold: Fold) -> Iterable[SystemToTest]:
     """Fit the systems of a fold: one, if the protocol has no others."""
     if own_systems := getattr(cell.splitter, "systems", None):
         return own_systems(cell, corpus, fold)
@@ -70,7 +70,7 @@ def fitted_systems(cell: Cell, corpus: Corpus, fold: Fold) -> Iterable[Tested]:
     seconds = fit_timed(system, corpus[fold.train])
     name = ALL_FOLDS if corpus.steps else fold.name
     pairs = fold.pairs or [(fold.train, fold.test)]
-    return [Tested(name, system, tested, seconds) for _, tested in pairs]
+    return [SystemToTest(name, system, tested, seconds) for _, tested in pairs]
 
 
 def fit_and_predict(
@@ -85,7 +85,7 @@ def fit_and_predict(
     with limit_threads(threads):
         for part in fitted_systems(cell, corpus, fold):
             system, test, metrics = part.estimator, part.tested, part.metrics
-            tables.append(predictions_table(system, corpus, part.name, test))
+            tables.append(predict_to_table(system, corpus, part.name, test))
             effects += find_batch_effects(system, corpus, test, tables[-1], parts)
         if not effects:  # else labels differ in each batch
             check_agreement(system, corpus, test)

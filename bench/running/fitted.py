@@ -11,7 +11,7 @@ import pandas as pd
 from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.corpora.fault_names import NO_FAULT
-from bench.running.fold import find_batch_effects, predictions_table
+from bench.running.fold import find_batch_effects, predict_to_table
 from bench.values import scores
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ class FittedFold:
         """
         corpus = self.corpus if case.corpus is None else case.corpus
         system = case.system or self.system
-        predictions = predictions_table(system, corpus, self.fold.name, self.fold.test)
+        predictions = predict_to_table(system, corpus, self.fold.name, self.fold.test)
         about = case.name or key, case.level, case.amount, case.train_subjects
         return self._label_rows(predictions, key, *about)
 

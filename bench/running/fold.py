@@ -80,7 +80,7 @@ def peak_memory() -> int:
     return peak if sys.platform == "darwin" else 1024 * peak
 
 
-def predictions_table(
+def predict_to_table(
     system: contract.System,
     corpus: Corpus,
     fold: str,
@@ -182,7 +182,7 @@ def find_batch_effects(
         A sentence for each capture.
     """
     if predictions is None:
-        predictions = predictions_table(system, corpus, "", test)
+        predictions = predict_to_table(system, corpus, "", test)
     names = _class_names(system)
     proba = predictions[[f"p_{name}" for name in names]].to_numpy()
     in_fold = Decisions.from_table(predictions, proba)
@@ -278,7 +278,7 @@ def measure_latency(
 ) -> tuple[dict[str, list[float]], dict[str, float]]:
     """Time predictions of single captures, warm, on one thread (`bench.ground.timing`).
 
-    Whole captures of at most ``frames`` frames, which one decision needs, are timed once.
+    One decision needs ``frames`` frames. If no capture is longer, both timings are one.
 
     Returns:
         Milliseconds from raw frames to a label: ``predict_ms`` of whole captures, ``decide_ms`` of

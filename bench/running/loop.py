@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from mlflow.entities import Run
 
 NEWEST = 20  # runs among which a similar one is looked for: a store may have thousands
-FREE = ("seed", "protocol")  # arguments in which similar runs may differ, as in those with a dot
+FREE = ("seed", "protocol")  # similar runs may differ in these arguments and all dotted ones
 
 
 class Interrupted(KeyboardInterrupt):
@@ -133,8 +133,8 @@ def warnings_of_plan(plan: Plan) -> list[str]:
             f"{prefix}{short} of {len(corpus)} captures are shorter than the {frames}-frame window "
             f"of {cell.model.short_name}; they are padded"
         )
-    for measurement in cell.measurements:
-        lines += measurement.warnings_of_plan(plan)
+    for extension in cell.extensions:
+        lines += extension.warnings_of_plan(plan)
     return lines
 
 

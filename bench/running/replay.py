@@ -29,7 +29,7 @@ from bench.running.fold import (
     TIMED_CAPTURES,
     find_batch_effects,
     limit_threads,
-    predictions_table,
+    predict_to_table,
     take_evenly,
 )
 from bench.running.results import FoldResult
@@ -135,7 +135,7 @@ def replay_captures(
         if not len(alive):
             break
         seen, captures = first_frames(corpus, frames), corpus.index[alive]
-        table = predictions_table(system, seen, fold, alive)
+        table = predict_to_table(system, seen, fold, alive)
         columns = [PREFIX + name for name in classes_of(table)]
         by_capture = table.groupby("capture", sort=False)[columns].mean()
         rows = table.drop_duplicates("capture").set_index("capture").loc[captures].reset_index()

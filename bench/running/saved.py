@@ -36,7 +36,7 @@ from bench.corpora.read.table import corpus_from_table
 from bench.errors import InputError
 from bench.ground.registry import FILE_MODULE_PREFIX
 from bench.ground.source import lies_in, package_folder
-from bench.running.fold import predictions_table
+from bench.running.fold import predict_to_table
 from bench.running.unlike import is_unlike_training, usual_range
 from bench.store.database import store_uri
 from bench.values.scores import PREFIX, classes_of, most_probable_labels
@@ -96,7 +96,7 @@ class Recogniser(PythonModel):
                 "frames, or train a model on captures of that rate"
             )
 
-    def label_captures(self, corpus: Corpus) -> pd.DataFrame:
+    def label(self, corpus: Corpus) -> pd.DataFrame:
         """Classify captures.
 
         A system that decides per window has the mean probability of its windows. Probabilities are
@@ -158,7 +158,7 @@ class Recogniser(PythonModel):
         sensor = corpus.rate_hz, corpus.full_scale
         anonymous = Corpus(*shared_frames(corpus), corpus.lengths, captures, *sensor)
         every = np.arange(len(corpus))
-        table = predictions_table(self.estimator, anonymous, "", every, self.classes)
+        table = predict_to_table(self.estimator, anonymous, "", every, self.classes)
         columns = [PREFIX + name for name in classes_of(table)]
         return table.groupby("capture", sort=True)[columns].mean().reset_index(drop=True)
 
@@ -183,7 +183,7 @@ class Recogniser(PythonModel):
             )
         except InputError as e:
             raise MlflowException(str(e), error_code=INVALID_PARAMETER_VALUE) from e
-        return pd.concat([corpus.captures[["capture"]], self.label_captures(corpus)], axis=1)
+        return pd.concat([corpus.captures[["capture"]], self.label(corpus)], axis=1)
 
     def signature(self) -> ModelSignature:
         """Return the MLflow signature of `predict`; channels take whole numbers and decimals."""

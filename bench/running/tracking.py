@@ -1,9 +1,10 @@
 """A plan's run in the store, resumed if it exists.
 
 A finished fold is one file of the run, ``folds/N.zip`` by its index in the protocol, and its scores
-are metrics of the run at this step. A file that was cut off is no zip file, so that a fold is
-complete or missing. When all folds are done, their tables become those of the run, and their files
-go. A fold that fails leaves ``folds/N.txt``.
+are metrics of the run at this step. The comment of the zip file is a digest of all before it, so
+that a fold is complete or missing; a damaged one is run again, with a warning. When all folds are
+done, their tables become those of the run, and their files go. A fold that fails leaves
+``folds/N.txt``.
 """
 
 from __future__ import annotations
@@ -11,7 +12,6 @@ from __future__ import annotations
 import hashlib
 import json
 import tempfile
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from io import BytesIO
@@ -24,7 +24,9 @@ import pandas as pd
 
 from bench import contract
 from bench.errors import InputError
+from bench.ground.digests import DIGITS, append_digest, split_digest
 from bench.ground.machine import Machine
+from bench.ground.progress import warn
 from bench.ground.source import git_revision, package_versions
 from bench.plan.cells import Cell
 from bench.plan.plan import Fold, Plan
@@ -83,8 +85,8 @@ def run_params(plan: Plan) -> dict[str, str]:
     if plan.folds:
         options = cell.protocol.parameters | cell.protocol.changed_parameters()
         params |= {"protocol": cell.protocol.name} | _with_prefix("protocol", options)
-    for measurement in cell.measurements:
-        params |= measurement.params()
+    for extension in cell.extensions:
+        params |= extension.params()
     return {name: str(value) for name, value in params.items()}
 
 
@@ -204,13 +206,19 @@ def has_fold_files(store: Store, run: Run) -> bool:
 
 def load_finished_folds(store: Store, run: Run) -> dict[str, FoldResult]:
     """Load the finished folds of an unfinished run, by name."""
-    run_id, artifacts, folds = run.info.run_id, run.info.artifact_uri, {}
-    for name in store.artifact_names(run_id, artifacts, FOLDS):
-        path = store.artifact_path(run_id, artifacts, f"{FOLDS}/{name}")
-        result = _read_fold(path) if path and path.suffix == ".zip" else None
-        if result and not result.failed:
-            folds[result.name] = result
-    return folds
+    return _finished_by_name(_read_fold_files(store, run))
+
+
+def _read_fold_files(store: Store, run: Run) -> dict[str, FoldResult | None]:
+    """Read the files of a run's folds, by their names; None if one is damaged."""
+    run_id, artifacts = run.info.run_id, run.info.artifact_uri
+    names = store.artifact_names(run_id, artifacts, FOLDS)
+    files = [f"{FOLDS}/{name}" for name in names if name.endswith(".zip")]
+    return {file: _read_fold(store.artifact_path(run_id, artifacts, file)) for file in files}
+
+
+def _finished_by_name(results: Mapping[str, FoldResult | None]) -> dict[str, FoldResult]:
+    return {each.name: each for each in results.values() if each and not each.failed}
 
 
 def load_finished_run(store: Store, run: Run, grid: str = "") -> Result:
@@ -246,7 +254,11 @@ def open_run(store: Store, plan: Plan, run: Run | None, grid: str = "") -> Track
     if FAILED_TAG in run.data.tags:
         tags[FAILED_TAG] = ""
     store.set_status(run.info.run_id, "RUNNING")
-    folds = load_finished_folds(store, run)
+    for file, result in (results := _read_fold_files(store, run)).items():
+        if result is None:
+            where = store.describe_artifact(run.info.artifact_uri, file)
+            warn(f"warning: {cell.system_name()}: {where} is damaged; its fold is run again")
+    folds = _finished_by_name(results)
     return TrackedRun(store, plan, run.info, dict(run.data.params), tags, folds)
 
 
@@ -260,8 +272,8 @@ def _run_name(cell: Cell) -> str:
     """Name of a run on MLflow's page: command, title, and what tells it from similar runs."""
     target = cell.target if cell.target != "gesture" else ""
     words = [f"{cell.command} {cell.title()}", cell.where, target]
-    for measurement in cell.measurements:
-        words += [f"{key}={value}" for key, value in measurement.typed_arguments().items()]
+    for extension in cell.extensions:
+        words += [f"{key}={value}" for key, value in extension.typed_arguments().items()]
     seed = "" if cell.seed is None else f"seed {cell.seed}"
     return " | ".join(filter(None, [*words, seed]))
 
@@ -285,22 +297,26 @@ def _write_fold(result: FoldResult, path: Path) -> None:
     tables["predictions"] = result.table
     if result.trials is not None:  # a system may tell its choice, but not its trials
         tables["trials"] = result.trials
-    with ZipFile(path, "w") as file:
+    with ZipFile(buffer := BytesIO(), "w") as file:
+        file.comment = b"0" * DIGITS
         file.writestr("fold.json", json.dumps(values | {"tables": [*tables]}, default=_json_value))
         for name, table in tables.items():
-            write_table(table, buffer := BytesIO())
-            file.writestr(table_file(name), buffer.getvalue())
+            write_table(table, content := BytesIO())
+            file.writestr(table_file(name), content.getvalue())
+    path.write_bytes(append_digest(buffer.getvalue()[:-DIGITS]))
 
 
-def _read_fold(path: Path) -> FoldResult | None:
-    """Read a finished fold; None if the file was cut off or is damaged."""
+def _read_fold(path: Path | None) -> FoldResult | None:
+    """Read a finished fold; None if the file is gone, was cut off or is damaged."""
     try:
-        with ZipFile(path) as file:
+        content = path.read_bytes() if path else b""
+        split_digest(content)
+        with ZipFile(BytesIO(content)) as file:
             values, tables = json.loads(file.read("fold.json")), {}
             for name in values["tables"]:
                 tables[name] = read_table(BytesIO(file.read(table_file(name))), name)
             values["machine"] = Machine(*values["machine"]) if values["machine"] else None
-    except (BadZipFile, zlib.error, KeyError, ValueError, OSError, InputError):
+    except (BadZipFile, KeyError, ValueError, OSError, InputError):
         return None
     values |= {name: tables.pop(name, None) for name in ("predictions", "trials")}
     values["tables"] = {name.removeprefix("tables/"): table for name, table in tables.items()}

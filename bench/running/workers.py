@@ -81,8 +81,8 @@ class ProcessExecutor(FoldExecutor):
         self._start_pool(count, plan.threads)
         fill_cache(plan.cell, plan.corpus)  # meanwhile
         while waiting or running:
-            # One more than can run, so that no worker waits while a result is stored. loky, when
-            # killed, stumbles over all of them at once.
+            # One more than can run, so that no worker waits while a result is stored. With all
+            # folds submitted at once, loky fails when it is killed.
             most = count + 1 if count > 1 else 1
             while waiting and len(running) < most:
                 fold = waiting.popleft()

@@ -30,32 +30,26 @@ def test_a_corpus_can_be_looked_at():
 
 def test_results_and_run_show_what_is_tracked(in_net, capsys):
     on = {"data": "people", "where": "all", "target": "gesture", "protocol": "loso"}
-    table = bench.run(
-        model=["tree", "bayes"], features="jung28", seed=None, data="people", jobs=1
-    )  # the same cells
+    same = {"model": ["tree", "bayes"], "features": "jung28", "seed": None, "data": "people"}
+    table = bench.run(**same, jobs=1)
     assert "already stored" in capsys.readouterr().err
-    tracked = {run.info.run_id: run.data for run in runs("cell")[1]}
-    scale = {"accuracy": 100, "macro_f1": 100, "flash_bytes": 1}
-    for row in table.to_dict("records"):
-        data = tracked[row["run_id"]]
-        assert [row[name] for name in scale] == pytest.approx(
-            [s * data.metrics[name] for name, s in scale.items()]
-        )
-        assert {"corpus_digest", "threads", "cpu", "version.scikit-learn", "protocol"} <= {
-            *data.params
-        }
     assert table["system"].tolist() == ["tree · jung28", "bayes · jung28"]
-    assert (
-        bench.runs(model="bayes", **on).set_index("run_id")["accuracy"][table["run_id"][1]]
-        == table["accuracy"][1]
-    )
-    every = bench.runs()
-    for printed in (table, every):
+    tracked = {run.info.run_id: run.data for run in runs("cell")[1]}
+    for row in table.to_dict("records"):
+        metrics = tracked[row["run_id"]].metrics
+        assert row["accuracy"] == pytest.approx(100 * metrics["accuracy"])
+        assert row["macro_f1"] == pytest.approx(100 * metrics["macro_f1"])
+        assert row["flash_bytes"] == metrics["flash_bytes"]
+        known = {"corpus_digest", "threads", "cpu", "version.scikit-learn", "protocol"}
+        assert known <= {*tracked[row["run_id"]].params}
+    accuracies = bench.runs(model="bayes", **on).set_index("run_id")["accuracy"]
+    assert accuracies[table["run_id"][1]] == table["accuracy"][1]
+    stored = bench.runs()
+    for printed in (table, stored):
         head = printed.to_string(max_cols=8).splitlines()[0].split()
         assert head[:4] == ["name", "accuracy", "low", "high"] and head[-2:] == ["data", "protocol"]
-    assert {*tracked} <= {*every["run_id"]} and not every[
-        ["name", "data", "subset", "protocol"]
-    ].duplicated().any()
+    assert {*tracked} <= {*stored["run_id"]}
+    assert not stored[["name", "data", "subset", "protocol"]].duplicated().any()
     with pytest.raises(bench.InputError):
         bench.runs(model="svm")
     assert bench.choose(max_flash="1B", model="bayes", **on).system is None
@@ -99,25 +93,24 @@ def test_objects_give_what_their_names_give():
     assert ids[0] == table["run_id"][0] and ids[1] != ids[0]  # an equal object is the same run
 
 
-def test_tables_of_runs_and_a_fitted_system(in_net):
+def test_tables_of_runs(in_net):
     stored = bench.runs(model="bayes", data="people")
     found = stored[stored["loss.noise"].notna()]
     assert {"none", "noise", "dead_taxels"} < {*bench.predictions(found, "labels")["case"]}
     assert {*bench.predictions(found)["name"]} == {"bayes · jung28"}
     cases = bench.runs(cases=True, run=[*found["run_id"]])
-    assert {*cases.loc[cases["case"] == "noise", "level"]} == {1, 2, 3, 4, 5} and {
-        "accuracy",
-        "loss",
-    } < {*cases}
+    assert {*cases.loc[cases["case"] == "noise", "level"]} == {1, 2, 3, 4, 5}
+    assert {"accuracy", "loss"} < {*cases}
     with pytest.raises(bench.InputError, match="did you mean faults"):
         bench.predictions(found, "fault")
+
+
+def test_a_fitted_and_a_tuned_system(in_net):
     fitted = bench.fit(stopping=False, model="bayes", features="jung28", data="people")
-    assert len(
-        fitted.recogniser.label_captures(bench.corpus("people"))
-    ) == 32 and fitted.uri in repr(fitted)
-    tuned = bench.tune(
-        model="tree", features="jung28", model__level=[1, 9], inner="2", data="people", jobs=1
-    )
+    assert len(fitted.recogniser.label(bench.corpus("people"))) == 32
+    assert fitted.uri in repr(fitted)
+    tree = {"model": "tree", "features": "jung28", "model__level": [1, 9]}
+    tuned = bench.tune(**tree, inner="2", data="people", jobs=1)
     assert tuned["system"][0].startswith("tuned tree[level=1|9")
 
 

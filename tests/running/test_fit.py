@@ -217,6 +217,6 @@ def test_a_saved_system_that_abstains_gives_an_empty_label_without_confidence():
     gone = np.isnan(system.predict_proba(CORPUS[TEST])[:, 0])
     stopping = Stopping(Calibration(100.0, 200.0, 2.0, 3.0), Waiting((0.1,) * len(STATE)), 0.5)
     recogniser = Recogniser(system, CORPUS[TRAIN], stopping)
-    table = recogniser.label_captures(CORPUS[TEST])
+    table = recogniser.label(CORPUS[TEST])
     assert table["label"].eq("").tolist() == table["confidence"].eq(0).tolist() == gone.tolist()
     assert recogniser.decide_on(CORPUS[TEST[gone][:1]], "pat")[:2] == ("", 0.0)

@@ -3,10 +3,11 @@
 from fractions import Fraction
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.values.intervals import mean_and_error, within_one_standard_error
+from bench.values.intervals import mean_and_error, ratio_interval, within_one_standard_error
 from bench.values.pareto import is_on_front
 
 ONE_PERSON = [(n, k, m) for n in range(2, 31) for m in (6, 7, 11, 84) for k in (0, m // 3, m - 1)]
@@ -60,3 +61,11 @@ def test_the_front_has_what_no_other_point_beats(points):
     accuracy, cost = np.array(points).reshape(-1, 2).T
     expected = [q[1] == q[1] and not any(beats(p, q) for p in points) for q in points]
     assert is_on_front(accuracy, cost).tolist() == expected
+
+
+def test_the_interval_of_a_ratio_is_that_of_people_drawn_with_the_usual_seed():
+    hits, captures = np.array([5, 0, 3, 1, 2]), np.array([5, 1, 4, 2, 2])
+    draws = np.random.default_rng(0).integers(0, 5, (2000, 5))
+    shares = [sum(hits[draw]) / sum(captures[draw]) for draw in draws]
+    interval = ratio_interval(np.stack([hits, captures], axis=1))
+    assert interval == pytest.approx(np.quantile(shares, [0.025, 0.975]))

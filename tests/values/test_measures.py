@@ -6,7 +6,6 @@ import pytest
 
 from bench.errors import InputError
 from bench.values.columns import run_columns
-from bench.values.intervals import ratio_interval
 from bench.values.measures import (
     Cost,
     Interval,
@@ -82,11 +81,3 @@ def test_columns_of_runs_by_hand():
     interval = {"accuracy_low": 0.7, "accuracy_high": 0.8}
     assert columns["accuracy"].as_text(run | interval) == "75.0 [70.0, 80.0]"
     assert columns["accuracy"].as_text({}) == "-"
-
-
-def test_the_interval_of_a_ratio_is_that_of_people_drawn_with_the_usual_seed():
-    hits, captures = np.array([5, 0, 3, 1, 2]), np.array([5, 1, 4, 2, 2])
-    draws = np.random.default_rng(0).integers(0, 5, (2000, 5))
-    shares = [sum(hits[draw]) / sum(captures[draw]) for draw in draws]
-    interval = ratio_interval(np.stack([hits, captures], axis=1))
-    assert interval == pytest.approx(np.quantile(shares, [0.025, 0.975]))

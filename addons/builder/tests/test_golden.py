@@ -5,6 +5,7 @@ import re
 from pathlib import Path
 
 from bench.corpora.read.table import write_table
+from bench.ground.digests import json_with_digest
 from tests.conftest import random_corpus
 from tests.net.build import step
 
@@ -45,7 +46,7 @@ def test_recordings_that_cannot_teach_and_wrong_words_are_refused(golden):
             "certificate": 1,
             "expected": {"people": {str(person): [8, 10] for person in range(people)}},
         }
-        Path(name, "certificate.json").write_text(json.dumps(facts))
+        Path(name, "certificate.json").write_text(json_with_digest(json.dumps(facts)))
     text = "".join(map(step, WRONG))
     golden("refusals.txt", re.sub(r"! step \d of .*\n", "", text))  # with the seconds that passed
     assert not Path("robot").exists()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from scipy.special import bdtrc
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
+from bench.ground.digests import read_json_with_digest
 from bench.values import few
 from bench.values.result import format_count
 from touchbench_builder.bounds import ALPHA
@@ -77,11 +77,11 @@ def check_build(words: list[str], values: Mapping[str, Any]) -> int:
 def _load_certificate(file: Path) -> dict[str, Any]:
     """Load the content of ``certificate.json``."""
     try:
-        facts = json.loads(file.read_text(encoding="utf-8"))
+        facts = read_json_with_digest(file)
         if facts["certificate"] != 1:
             raise ValueError("another version wrote it")
         return facts
-    except (ValueError, KeyError, TypeError) as e:
+    except (OSError, ValueError, KeyError) as e:
         raise InputError(f"{file}: no certificate of bench build ({e}); build it again") from e
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
+from bench.ground.digests import json_with_digest
 from bench.ground.scratch import check_empty_folder, fill_then_rename, remove_path
 from bench.running.saved import Recogniser
 from touchbench_builder.certificate import render_page, summary_lines
@@ -69,9 +70,9 @@ def write_build(out: Path, recogniser: Recogniser, facts: dict[str, Any], corpus
         folder = Path(name)
         _write_texts(folder, texts)
         labels, _ = label_with_c(folder, recogniser.classes, corpus)
-        others = int((recogniser.label_captures(corpus)["label"].to_numpy() != labels).sum())
+        others = int((recogniser.label(corpus)["label"].to_numpy() != labels).sum())
         facts["c"] = {"captures": len(corpus), "other_labels": others}
-        certificate = json.dumps(facts, indent=1, ensure_ascii=False) + "\n"
+        certificate = json_with_digest(json.dumps(facts, indent=1, ensure_ascii=False) + "\n")
         _write_texts(folder, {CERTIFICATE: certificate, "README.md": render_page(facts)})
         _run_own_test(folder)
         with fill_then_rename(out) as complete:
@@ -133,7 +134,7 @@ def vectors_header(recogniser: Recogniser, corpus: Corpus) -> str:
     examples = corpus[np.array([rows[len(rows) // 2] for rows in members])].detach()
     lengths = np.minimum(examples.lengths, round(VECTOR_S * corpus.rate_hz))
     examples = examples.with_fields(lengths=lengths, digest="", path=None)
-    table = recogniser.label_captures(examples)
+    table = recogniser.label(examples)
     probabilities = table[[f"p_{name}" for name in recogniser.classes]].to_numpy()
     rows = []
     for length, label, row in zip(lengths, table["label"], probabilities, strict=True):

@@ -10,7 +10,7 @@ import pytest
 
 from addons.chip.tests.compiled import describe_missing
 from bench.cli import main
-from bench.commands.printing import table_of_runs
+from bench.commands.printing import printed_runs_table
 from bench.ground.registry import load_views
 from bench.plan.grid import make_cells
 from bench.plan.plan import make_plans
@@ -69,7 +69,7 @@ def test_labels_of_c_are_tracked_beside_those_of_python_and_drawn(costs, quick, 
     out = capsys.readouterr().out
     assert "in Python" in out and "60,000" in out and "9.0" in out
     one = make_result(metrics=COSTS | {"c_accuracy": 0.5, "accuracy": 0.5}, **{"chip.bits": 8})
-    (row,) = table_of_runs([one], load_views()["form"]).texts
+    (row,) = printed_runs_table([one], load_views()["form"]).texts
     assert [row[name] for name in ("library RAM kB", "program RAM kB", "stack B")] == [
         "3.0",
         "11.0",

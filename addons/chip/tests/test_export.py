@@ -58,7 +58,7 @@ def test_it_decides_as_python_does(name, bits):
         compile_system(name, bits),
         fit_system(name, name in STOPPING and bits == 32),
     )
-    table = recogniser.label_captures(corpus)
+    table = recogniser.label(corpus)
     expected = table.filter(like="p_").to_numpy()
     answers = [library(frames) for frames in corpus]
     proba = np.array([answer.proba[-1] for answer in answers])
@@ -80,7 +80,7 @@ def test_it_decides_as_python_in_8_bits_does_in_as_many_bytes_as_are_counted(nam
     corpus, system, library = touch_corpus(), SYSTEMS[name](), compile_system(name, 8)
     system = system.set_params(bits=8) if "bits" in system.get_params() else Recipe(system, bits=8)
     plain = fit_recogniser(system, corpus)
-    expected = plain.label_captures(corpus).filter(like="p_").to_numpy()
+    expected = plain.label(corpus).filter(like="p_").to_numpy()
     apart = np.abs([library(frames).proba[-1] for frames in corpus] - expected).max(axis=1)
     assert np.median(apart) < 1e-4 and np.quantile(apart, 0.95) < 0.01
     check_sizes(plain, fit_system(name), library, 8)
@@ -222,7 +222,7 @@ def test_c_finds_the_captures_unlike_training_that_python_finds(tmp_path):
         done = subprocess.run(
             [tmp_path / "touch"], input=text, capture_output=True, text=True, check=True
         )
-        strange = int(recogniser.label_captures(captures)["unlike"].sum())
+        strange = int(recogniser.label(captures)["unlike"].sum())
         told = (
             f"{strange} of {len(corpus)} captures look unlike all training captures\n"
             if strange

@@ -102,7 +102,7 @@ def test_in_8_bits_it_has_the_probabilities_and_labels_of_python():
     corpus, recogniser = fit_to_noise("cost")
     in_python = deepcopy(recogniser)
     round_network(in_python.estimator.net_, 8)
-    table = in_python.label_captures(corpus)
+    table = in_python.label(corpus)
     proba = last_probabilities(Library(recogniser, 8), corpus)
     np.testing.assert_allclose(proba, table.filter(like="p_"), atol=2e-5)
     assert [recogniser.classes[label] for label in proba.argmax(axis=1)] == table["label"].tolist()

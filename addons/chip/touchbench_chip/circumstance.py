@@ -96,7 +96,7 @@ class InC(Circumstance):
             code += [learner, *self.part.code()]
         return code
 
-    def refuse_plan(self, plan: Plan) -> None:
+    def check_plan(self, plan: Plan) -> None:
         """Refuse a system that has no C, and a machine without the compilers."""
         from touchbench_chip.fold import check_plan
 
@@ -131,7 +131,7 @@ class InC(Circumstance):
 
         return summarise_c(tables[C], rate_hz) | compare_with_python(tables[C]), {}
 
-    def label_rows(self, tables: Mapping[str, pd.DataFrame], rate_hz: float) -> pd.DataFrame:
+    def own_label_rows(self, tables: Mapping[str, pd.DataFrame], rate_hz: float) -> pd.DataFrame:
         """The labels given by the C."""
         from bench.values.scores import label_captures
 

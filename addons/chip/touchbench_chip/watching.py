@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-from bench.grammar.options import workers_of_packages
+from bench.grammar.options import implementations_of_packages
 from bench.ground.typed import arguments_of_label
 
 
 def find_watch_learner() -> Any:
     """The class that learns to watch for ``bench fit``; None if it is not installed."""
-    return next(iter(workers_of_packages("fit").values()), None)
+    return next(iter(implementations_of_packages("fit").values()), None)
 
 
 def make_watch_learner(detector: str) -> Any:

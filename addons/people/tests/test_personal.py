@@ -15,7 +15,7 @@ from bench.plan.grid import make_cells
 from bench.plan.plan import Fold, make_folds, make_plans
 from bench.running.circumstances.faults import Faults
 from bench.running.evaluation import fitted_systems
-from bench.running.fold import predictions_table
+from bench.running.fold import predict_to_table
 from bench.running.loop import warnings_of_plan
 from tests.conftest import random_corpus, with_other_values
 from tests.corpora.made import copied
@@ -92,7 +92,7 @@ def test_no_other_label_and_no_frame_of_the_tested_half_is_used(system, labelled
     tables = []
     for part in (corpus, changed):
         systems = fitted_systems(cell, part, few)
-        found = [predictions_table(one.estimator, part, "", one.tested) for one in systems]
+        found = [predict_to_table(one.estimator, part, "", one.tested) for one in systems]
         tables.append(pd.concat(found).filter(like="p_"))
     assert len(tables[0]) and np.array_equal(*tables)
 

@@ -8,7 +8,7 @@ from bench.errors import InputError
 from bench.plan.grid import make_cells
 from bench.plan.plan import make_plans
 from bench.running.evaluation import fitted_systems
-from bench.running.fold import predictions_table
+from bench.running.fold import predict_to_table
 from tests.conftest import random_corpus, with_other_values
 from tests.corpora.made import study
 from touchbench_people.personal import Personal
@@ -80,7 +80,7 @@ def test_tested_frames_and_labels_change_nothing_that_is_learned(system):
     for corpus in (plan.corpus, changed):
         (one,) = fitted_systems(plan.cell, corpus, fold)
         classes = ["grab", "pat", "rub"]
-        table = predictions_table(one.estimator, corpus, "", fold.test[:3], classes)
+        table = predict_to_table(one.estimator, corpus, "", fold.test[:3], classes)
         tables.append(table.filter(like="p_"))
     assert np.array_equal(*tables)
 

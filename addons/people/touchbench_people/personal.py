@@ -13,7 +13,7 @@ import pandas as pd
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 from bench.ground.timing import time_once
-from bench.plan.splits import Tested
+from bench.plan.splits import SystemToTest
 from bench.protocols.subjects import LOSO, sort_naturally
 from bench.running.fold import fit_timed, seconds_metrics
 from touchbench_people.adaptation import SHOT_WEIGHT, adapt_system, can_adapt
@@ -102,14 +102,16 @@ class Personal:
         for (train, test), draws in zip(folds, self.calibrations(X, y, groups), strict=True):
             yield train, test, pairs_with_shots([*chain.from_iterable(draws)])
 
-    def systems(self, cell: Cell, corpus: Corpus, fold: Fold) -> Iterator[Tested]:
+    def systems(self, cell: Cell, corpus: Corpus, fold: Fold) -> Iterator[SystemToTest]:
         """Yield the systems of a fold: one, or one for each pair of each draw.
 
         They see no tested capture, and no label of an unlabelled calibration capture.
         """
         general = cell.estimator()
         if not fold.pairs:
-            yield Tested(fold.name, general, fold.test, fit_timed(general, corpus[fold.train]))
+            yield SystemToTest(
+                fold.name, general, fold.test, fit_timed(general, corpus[fold.train])
+            )
             return
         refits = not self.unlabelled and not can_adapt(general)
         seconds = {} if refits else fit_timed(general, corpus[fold.train])
@@ -122,19 +124,19 @@ class Personal:
                 continue
             if not len(shots):  # the person has one capture
                 seconds = seconds or fit_timed(general, corpus[fold.train])
-                yield Tested(name, general, tested, seconds)
+                yield SystemToTest(name, general, tested, seconds)
             elif refits:
                 estimator = cell.estimator()
                 both = np.concatenate([fold.train, np.repeat(shots, self.weight)])
-                yield Tested(name, estimator, tested, fit_timed(estimator, corpus[both]))
+                yield SystemToTest(name, estimator, tested, fit_timed(estimator, corpus[both]))
             elif can_adapt(general):
                 part = corpus[shots]
                 labels = None if self.unlabelled else part.gestures
                 estimator, times, cpu = time_once(partial(adapt_system, general, part, labels))
                 adapt_seconds = seconds_metrics("adapt", times, cpu)
-                yield Tested(name, estimator, tested, seconds | adapt_seconds)
+                yield SystemToTest(name, estimator, tested, seconds | adapt_seconds)
             else:  # it cannot use captures without labels
-                yield Tested(name, general, tested, seconds)
+                yield SystemToTest(name, general, tested, seconds)
 
     def calibrations(
         self, X: Corpus, y: object = None, groups: np.ndarray | None = None

@@ -115,12 +115,6 @@ def test_a_label_is_settled_as_in_a_replay_that_saw_an_earlier_one(threshold, st
     assert rows[0][3] == f"{sharp[0] / sharp.sum():.3f}"
 
 
-def test_a_bad_line_ends_the_stream_after_the_decisions_before_it(streamed):
-    code, rows, errors = streamed(make_recogniser(), [GOOD] * 4 + ["0,9,9,9,9,9999"], "hop_ms=20")
-    assert code == 2 and [row.split(",")[1:3] for row in rows[1:]] == [["20", "b"], ["40", "a"]]
-    assert errors[-1].startswith("bench: line 5: 9999 ")
-
-
 class ScriptedWatcher:
     """A watcher whose stream has a status for each frame, and reports every fourth frame."""
 

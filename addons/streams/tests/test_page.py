@@ -81,7 +81,7 @@ def test_the_rate_of_false_alarms_counts_people_without_touches_by_their_hours()
     table = find_candidates(
         [make_watch_result("lda", [0.5], 0.0, 1.0, tables={"per_subject": people})],
         {},
-        study="watch",
+        run_kind="watch",
     ).table
     assert table["accuracy"][0] == 50 and table["false_alarms"][0] == pytest.approx(5 / 0.5)
 

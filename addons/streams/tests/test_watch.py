@@ -109,7 +109,7 @@ def test_recordings_that_cannot_be_watched_are_refused_before_training(
     corpus = relabel(recordings, **changes) if changes else random_corpus(gestures=("pat", "quiet"))
     folds = [fold_without(name, corpus) for name in "12"]
     with pytest.raises(InputError, match=fact) if fact else nullcontext():
-        Continuous(**options).refuse_plan(
+        Continuous(**options).check_plan(
             SimpleNamespace(corpus=corpus, cell=cell, mixes_subjects=False, folds=folds)
         )
 

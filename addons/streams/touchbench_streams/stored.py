@@ -10,7 +10,7 @@ import pandas as pd
 from bench.corpora import synth
 from bench.corpora.corpus import Corpus, shared_frames
 from bench.corpora.library import imported_names, make_once, open_imported
-from bench.corpora.where import captures_where
+from bench.corpora.where import where_mask
 from bench.errors import InputError
 from touchbench_streams import synth_recordings
 from touchbench_streams.recordings import (
@@ -43,7 +43,7 @@ def load_recordings(data: str, parameters: dict[str, Any] | None = None, where: 
     if not where:
         return captures
     table = captures.captures.drop(columns="gesture")
-    return captures[captures_where(where, table, captures.name)]
+    return captures[where_mask(where, table, captures.name)]
 
 
 def load_background(name: str, corpus: Corpus) -> Recordings:

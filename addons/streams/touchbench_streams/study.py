@@ -117,7 +117,7 @@ class Continuous(RunKind):
             return None
         return load_recordings(cell.data, cell.data_parameters, cell.where)
 
-    def refuse_plan(self, plan: Plan) -> None:
+    def check_plan(self, plan: Plan) -> None:
         """Refuse folds that mix subjects or train on one, and a missing background."""
         from touchbench_streams.fold import check_plan
 

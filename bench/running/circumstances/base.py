@@ -40,8 +40,8 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Measurement(Options):
-    """A measurement of a run; its options are tracked, and part of the key of the run."""
+class RunExtension(Options):
+    """What a run does besides; its options are tracked, and part of the key of the run."""
 
     key: ClassVar[str]  # of ``bench run``; of a kind of run, its command and the tag of its runs
     is_run_kind: ClassVar[bool] = False  # True if it evaluates whole folds
@@ -61,7 +61,7 @@ class Measurement(Options):
         """Return modules, classes or functions whose files its numbers depend on."""
         return [type(self)]
 
-    def refuse_plan(self, plan: Plan) -> None:
+    def check_plan(self, plan: Plan) -> None:
         """Raise an `InputError` for impossible plans, before anything is run."""
 
     def warnings_of_plan(self, plan: Plan) -> list[str]:
@@ -70,7 +70,7 @@ class Measurement(Options):
 
 
 @dataclass(frozen=True)
-class Circumstance(Measurement):
+class Circumstance(RunExtension):
     """Predicts the test captures again in some cases."""
 
     has_slices: ClassVar[bool] = True  # True if groups of captures are tested in its cases
@@ -111,7 +111,7 @@ class Circumstance(Measurement):
         """Return tracked numbers of the tables of a fold: the accuracy in each case, by name."""
         if LABELS_TABLE not in tables:
             return {}
-        rows = self.label_rows(tables, rate_hz)
+        rows = self.own_label_rows(tables, rate_hz)
         rows = rows.assign(hit=rows["true"] == rows["predicted"])
         means = rows.groupby(["case", "level"], sort=False, as_index=False)["hit"].mean()
         return {f"accuracy.{r.case}.{r.level:g}": float(r.hit) for r in means.itertuples()}
@@ -137,14 +137,14 @@ class Circumstance(Measurement):
         numbers |= {f"loss.{name}": loss for name, loss in mean_losses(curve).items()}
         return numbers | {f"loss.{self.key}": float(curve["loss"].mean())}, {self.key: curve}
 
-    def label_rows(self, tables: Mapping[str, pd.DataFrame], rate_hz: float) -> pd.DataFrame:
+    def own_label_rows(self, tables: Mapping[str, pd.DataFrame], rate_hz: float) -> pd.DataFrame:
         """Return its rows of the table ``labels``, or rows like these from its own table."""
         labels = tables[LABELS_TABLE]
         return labels[labels["circumstance"] == self.key]
 
 
 @dataclass(frozen=True)
-class RunKind(Measurement):
+class RunKind(RunExtension):
     """A kind of run: whole folds on other data than single captures; its command has its key."""
 
     is_run_kind: ClassVar[bool] = True

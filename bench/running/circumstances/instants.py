@@ -77,7 +77,7 @@ class Instants(Circumstance):
         others.pop("after", None)
         return {"after": times} | others
 
-    def refuse_plan(self, plan: Plan) -> None:
+    def check_plan(self, plan: Plan) -> None:
         """Refuse impossible times, and training parts from which no threshold can be learned."""
         from bench.running.replay import why_unlearnable
 
@@ -133,7 +133,7 @@ class Instants(Circumstance):
         decision_ms = combine_costs(folds)["replay_ms_p95"]
         return replay_run_metrics(tables, self.after or SHOWN_MS, decision_ms, rate_hz)
 
-    def label_rows(self, tables: Mapping[str, pd.DataFrame], rate_hz: float) -> pd.DataFrame:
+    def own_label_rows(self, tables: Mapping[str, pd.DataFrame], rate_hz: float) -> pd.DataFrame:
         """Return the labels after each typed time, or after `SHOWN_MS`."""
         from bench.values.stopping import labels_after
 

@@ -42,7 +42,7 @@ class Subjects(Circumstance):
         """Return the numbers of subjects."""
         return {self.key: ", ".join(map(str, self.train_subjects))}
 
-    def refuse_plan(self, plan: Plan) -> None:
+    def check_plan(self, plan: Plan) -> None:
         """Refuse numbers that a fold does not have, or that the system cannot learn from."""
         from bench import contract
         from bench.corpora.corpus import untrained_classes

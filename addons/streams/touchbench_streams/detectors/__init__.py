@@ -27,7 +27,7 @@ def parse_detectors(values: Values) -> list[Part]:
 
     Without the key it is the default one.
     """
-    from bench.plan.grid import expand_parameters
+    from bench.plan.grid import make_part_variants
 
     siblings = split_values("detector", values.get("detector", DETECTOR))
     if not all(isinstance(name, str) for name in siblings):
@@ -35,7 +35,7 @@ def parse_detectors(values: Values) -> list[Part]:
     parts = [
         part
         for name in siblings
-        for part in expand_parameters(
+        for part in make_part_variants(
             values, "detector", name, siblings, group="touchbench_streams.detectors"
         )
     ]
