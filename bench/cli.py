@@ -7,15 +7,44 @@ import gc
 import io
 import os
 import sys
+from typing import Any
 
 from bench.errors import ClusterError, HiddenError, InputError, StoreError, suggest_names
 from bench.grammar.options import key_options, parse_arguments, part_groups
 from bench.ground.registry import import_object, load_part, registered_parts
 from bench.ground.scratch import use_scratch_folder
+from bench.ground.typed import expand_home
 
 LONGEST_LINE = 300  # characters of a message
 GARBAGE = 50_000  # new objects between two collections; Python's 700 slow a report by a seventh
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
+
+class OutputClosed(BaseException):
+    """The reader of standard output has closed it."""
+
+
+class _Output(io.FileIO):
+    """Standard output: a closed pipe of it is told from those of a user's system."""
+
+    def write(self, data: Any) -> int:
+        try:
+            return super().write(data)
+        except BrokenPipeError as e:
+            raise OutputClosed from e
+
+
+class _Errors(io.FileIO):
+    """Standard error: what nobody reads is dropped, and the command goes on."""
+
+    is_read = True
+
+    def write(self, data: Any) -> int:
+        try:
+            return super().write(data)
+        except BrokenPipeError:
+            _Errors.is_read = False
+            return len(data)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -31,17 +60,32 @@ def main(arguments: list[str] | None = None) -> int:
         exit_code = _run_command(arguments)
         sys.stdout.flush()
         return exit_code
-    except BrokenPipeError:  # the reader of the output closed it
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except OutputClosed:  # its reader has seen enough
+        _discard_output()
         return 0
     except KeyboardInterrupt as e:
-        message = str(e) or "interrupted; the same command starts again from the beginning"
-        print(f"bench: {message}", file=sys.stderr)
+        _print_error(str(e) or "interrupted; the same command starts again from the beginning")
         return 130
     except (InputError, HiddenError, StoreError, ClusterError, MemoryError, OSError) as e:
         exit_code, message = _exit_code_and_message(e)
-        print(_as_error_line(message), file=sys.stderr)
+        _print_error(message)
+        if isinstance(e, OSError):  # else Python tries to write it again at the end
+            _discard_output()
         return exit_code
+
+
+def _discard_output() -> None:
+    """Write what is still in the buffer of standard output to nowhere."""
+    raw = getattr(getattr(sys.stdout, "buffer", None), "raw", None)
+    if isinstance(raw, _Output):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), raw.fileno())
+
+
+def _print_error(message: str) -> None:
+    """Print a message on standard error, or where nobody reads that, on standard output."""
+    print(_as_error_line(message), file=sys.stderr)
+    if not _Errors.is_read:
+        print(_as_error_line(message))
 
 
 def _exit_code_and_message(error: Exception) -> tuple[int, str]:
@@ -70,7 +114,7 @@ def _run_command(arguments: list[str]) -> int:
 
         print(f"touchbench {version('touchbench')}")
         return 0
-    name, *arguments = arguments
+    name, *arguments = map(expand_home, arguments)
     names = [part for part in registered_parts("commands") if " " not in part]
     if name not in names:
         raise InputError(f"no command is called {name!r}; {suggest_names(name, names)}")
@@ -125,9 +169,20 @@ def _accept_all_output() -> None:
     """Print to nowhere if standard output is closed, and escape names of files that are no text."""
     if sys.stdout is None:
         sys.stdout = open(os.devnull, "w")  # for as long as the process lives
+    if sys.stdout is sys.__stdout__:
+        sys.stdout = _reopen(sys.stdout, _Output)
+    if sys.stderr is not None and sys.stderr is sys.__stderr__:
+        sys.stderr = _reopen(sys.stderr, _Errors)
     strict = ("strict", "surrogateescape")
     if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors in strict:
         sys.stdout.reconfigure(errors="backslashreplace")
+
+
+def _reopen(stream: Any, kind: type[io.FileIO]) -> io.TextIOWrapper:
+    """Open the file behind a stream of text again, as another kind of file."""
+    buffer = io.BufferedWriter(kind(stream.fileno(), "wb", closefd=False))
+    is_tty, own = stream.isatty(), {"encoding": stream.encoding, "errors": stream.errors}
+    return io.TextIOWrapper(buffer, line_buffering=is_tty or stream.line_buffering, **own)
 
 
 def _as_error_line(message: str) -> str:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SATURATED_ONE_IN = 10  # a frame is saturated if one of so many taxels reads full scale; not tuned
-COPY = 1 << 40  # of a piece: times the number of the copy, and below that its first frame
+COPY = 1 << 40  # a piece is COPY x the number of its copy + its first frame
 RESERVED = {"fold", "capture", "start", "frames", "true", "predicted"}  # columns of predictions
 PROBABILITY = "p_"  # prefix of the columns of probabilities
 VISIBLE = ("lengths", "rate_hz", "full_scale", "visible")  # fields that a blind corpus has, too
@@ -157,8 +157,8 @@ class Corpus:
     def with_fields(self, **fields: object) -> Corpus:
         """A corpus with some of the constructor's arguments replaced; a blind corpus stays blind.
 
-        Other frames and starts are shared. Captures of new frames without new starts follow one
-        another.
+        Frames and starts that are not replaced are shared. New frames without new starts hold one
+        capture after another.
 
         Raises:
             TypeError: the constructor has no such argument.
@@ -304,9 +304,9 @@ class Corpus:
         """
         self._refuse_if_blind("select")
         # Imported here, so that a change of its messages is no change of the Corpus.
-        from bench.corpora.where import captures_where
+        from bench.corpora.where import where_mask
 
-        return self[np.flatnonzero(captures_where(where, self.captures, self.name))]
+        return self[np.flatnonzero(where_mask(where, self.captures, self.name))]
 
     def with_target(self, target: str) -> Corpus:
         """The same captures with other class columns: ``variant``, or ``gesture+variant``.

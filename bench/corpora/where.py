@@ -31,7 +31,7 @@ COMPARISONS = {ast.Eq: eq, ast.NotEq: ne, ast.Lt: lt, ast.LtE: le, ast.Gt: gt, a
 TEXT_METHODS = {"startswith": {}, "endswith": {}, "contains": {"regex": False}}
 
 
-def captures_where(where: str, captures: pd.DataFrame, name: str) -> np.ndarray:
+def where_mask(where: str, captures: pd.DataFrame, name: str) -> np.ndarray:
     """Captures that satisfy a condition, bool [captures].
 
     Args:

@@ -17,7 +17,9 @@ from bench.ground.typed import DEFAULTS, Values, expand_home, parse_option, pars
 from bench.ground.typed import Option as Option
 from bench.values.measures import all_costs, costs_by_budget
 
-LOCAL_EXECUTOR = "bench.running.workers:local_executor"  # by name: this room lies below it
+LOCAL_EXECUTOR = (
+    "bench.running.workers:local_executor"  # as text: this room must not import `running`
+)
 START, COMPARE, SHIP, MORE = "start here", "compare", "ship", "more"  # groups of the overview
 
 
@@ -127,7 +129,7 @@ def _keys_of_packages(command: str) -> list[str]:
     return [name.removeprefix(prefix) for name in names if name.startswith(prefix)]
 
 
-def workers_of_packages(command: str) -> dict[str, Any]:
+def implementations_of_packages(command: str) -> dict[str, Any]:
     """The classes that implement the options of packages, by key."""
     options = options_of_packages(command)
     return {key: import_object(option.uses) for key, option in options.items() if option.uses}

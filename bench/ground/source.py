@@ -54,7 +54,8 @@ def source_digest(*parts: Code) -> str:
             pending += _imported_modules(module, names, package)
     digest = hashlib.sha256()
     for name in sorted(code):
-        # The name of a file's module also has a digest of its path and of every letter.
+        # The module name of a user's file hashes its raw text, comments included: only the
+        # prefix counts.
         is_file = name.startswith(FILE_MODULE_PREFIX)
         digest.update((FILE_MODULE_PREFIX if is_file else name).encode() + code[name])
     return digest.hexdigest()

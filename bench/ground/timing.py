@@ -7,7 +7,7 @@ time of the workload on the quiet machine. Threads of BLAS and torch that wait a
 count as work.
 
 The time of the workload on the quiet machine is the shortest time ever measured, stored in the
-user's data folder by processor and versions.
+user's data folder by processor and versions. A damaged file is replaced, with a warning.
 """
 
 from __future__ import annotations
@@ -22,7 +22,9 @@ from typing import TypeVar
 
 import numpy as np
 
+from bench.ground.digests import json_with_digest, read_json_with_digest
 from bench.ground.machine import cpu_model
+from bench.ground.progress import warn
 from bench.ground.scratch import data_folder, write_then_rename
 
 REPEATS = 2  # of each piece of work; the shorter one counts
@@ -144,10 +146,16 @@ def update_quiet_ms(measured: float) -> float:
     path = data_folder() / REFERENCE_FILE
     key = f"{cpu_model()}, Python {platform.python_version()}, numpy {np.__version__}"
     shortest: dict[str, float] = {}
-    with suppress(OSError, ValueError, AttributeError):
-        shortest = {str(name): float(ms) for name, ms in json.loads(path.read_text()).items()}
+    try:
+        shortest = read_json_with_digest(path)
+        if not all(0 < float(ms) < np.inf for ms in shortest.values()):
+            raise ValueError("a time is not above 0")
+    except (ValueError, TypeError):
+        warn(f"warning: {path} is damaged; the reference workload of this machine is timed anew")
+    except OSError:  # there is none yet
+        pass
     if measured < shortest.get(key, np.inf):
         shortest[key] = measured
         with suppress(OSError), write_then_rename(path) as beside:  # unless it cannot be written
-            beside.write_text(json.dumps(shortest))
+            beside.write_text(json_with_digest(json.dumps(shortest)))
     return shortest[key]

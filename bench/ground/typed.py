@@ -99,13 +99,14 @@ def parse_toml(content: bytes) -> dict[str, Any]:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as e:
         number = re.search(r"at line (\d+)", str(e))
-        line = text.splitlines()[int(number[1]) - 1] if number else ""
+        lines = text.splitlines()[: int(number[1]) if number else None]
         advice = "write text in quotes and lists in brackets"
-        if DOTTED_KEY.match(line):
+        if lines and DOTTED_KEY.match(lines[-1]):
             advice = DOTTED
         elif "overwrite" in str(e) or "twice" in str(e):
             advice = "write each key and table once, and several values of a key as a list"
-        raise InputError(f"not TOML: {e}; {advice}") from e
+        reason = str(e).partition(";")[0]
+        raise InputError(f"not TOML: {reason}; {advice}") from e
 
 
 def expand_home(argument: str) -> str:
@@ -140,7 +141,7 @@ def parse_amount(
     return amount
 
 
-def parse_value(key: str, value: object, default: object) -> Any:
+def parse_value(key: str, value: object, example: object) -> Any:
     """Read a value of the type of the default; a default of None takes None or a whole number.
 
     A value from Python that is no text must have this type.
@@ -148,14 +149,14 @@ def parse_value(key: str, value: object, default: object) -> Any:
     Raises:
         InputError: it has another type, or is too large.
     """
-    if isinstance(value, tuple) and not value and isinstance(default, tuple):
+    if isinstance(value, tuple) and not value and isinstance(example, tuple):
         return value
     text = value if isinstance(value, str) else format_value(value)
-    if text == "None" and default is None:
+    if text == "None" and example is None:
         return None
-    if text == "None" and isinstance(default, tuple):
-        raise InputError(f"{key}=None: give a value such as {default!r}")
-    example = 0 if default is None else default
+    if text == "None" and isinstance(example, tuple):
+        raise InputError(f"{key}=None: give a value such as {example!r}")
+    example = 0 if example is None else example
     is_seed = key.endswith("seed")
     fitting = (reader for kind, reader in READERS.items() if isinstance(example, kind))
     kind_words, read = next(fitting, READERS[str])
@@ -165,12 +166,12 @@ def parse_value(key: str, value: object, default: object) -> Any:
             raise ValueError(key)
     except (ValueError, KeyError) as e:
         advice = kind_words
-        if default is None:
+        if example is None:
             advice += " or None"
         elif is_seed:
             advice += " from 0 on"
         if not isinstance(example, bool):
-            shown = 2 if default in (None, 0) and not is_seed else default
+            shown = 2 if example in (None, 0) and not is_seed else example
             advice += f", such as {shown}"
         raise InputError(f"{key}={text[:60]}: give {advice}") from e
     largest = LARGEST_SEED if is_seed else LARGEST_INTEGER

@@ -70,7 +70,7 @@ class Part:
     def changed_parameters(self, run_seed: int | None = None) -> dict[str, object]:
         """Parameters that differ from their defaults.
 
-        The default of ``seed`` is that of the run, if it has one, and of a model its own seed.
+        The run's seed counts as the default of ``seed``; a model's own is never changed.
         """
         if self.instance is not None:
             is_typed_by_class = self.name == type(self.instance).__name__
@@ -85,7 +85,7 @@ class Part:
 
     @property
     def short_name(self) -> str:
-        """The name without the folder of its file; with the file's name if a part is called so."""
+        """The name without the folder of its file; behind the file's if a registered part has it."""
         file, _, name = self.name.rpartition(":")
         if self.instance is not None or not file:
             return self.name
@@ -157,7 +157,7 @@ class Cell:
         return [part for part in (self.protocol, self.features, self.model) if part]
 
     @property
-    def measurements(self) -> list[Any]:
+    def extensions(self) -> list[Any]:
         """The kind of run, or else the circumstances."""
         return [self.run_kind] if self.run_kind else [*self.circumstances]
 
@@ -244,13 +244,13 @@ class Cell:
             faults = [FAULTS[name] for name in trained]
         code: list[Code] = ["bench.running.evaluation", *(fault.damage for fault in faults)]
         code += ["bench.models.search.tuning"] if self.tuning else []
-        for each in (*self.parts, *self.measurements):
+        for each in (*self.parts, *self.extensions):
             code += each.code()
         return {
             "target": self.target,
             "tuning": repr(self.tuning),
             "parts": [part.identity() for part in self.parts],
-            "measured": [(each.key, each.identity()) for each in self.measurements],
+            "measured": [(each.key, each.identity()) for each in self.extensions],
             "faults": [(f.name, f.amounts) for f in faults],  # they may come from other packages
             "code": source_digest(*code),
             "versions": package_versions(self.model.packages()),
@@ -282,7 +282,7 @@ class Cell:
             values |= {key: format_value(search[key]) for key in keys if key in search}
         if self.seed:
             values["seed"] = str(self.seed)
-        for each in self.measurements:
+        for each in self.extensions:
             values |= each.typed_arguments()
         return values
 

@@ -29,9 +29,9 @@ def make_cells(values: Values) -> list[Cell]:
     seeds = [parse_value("seed", text, 0) for text in listed["seed"]]
     systems: list[tuple[list[Any], list[Any]]] = []
     for (model, takes), seed in itertools.product(zip(models, take_features, strict=True), seeds):
-        variants = expand_parameters(values, "model", model, models, seed)
+        variants = make_part_variants(values, "model", model, models, seed)
         for features in feature_sets if takes else []:
-            sets = expand_parameters(values, "features", features, feature_sets, seed)
+            sets = make_part_variants(values, "features", features, feature_sets, seed)
             systems.append((sets, variants))
         if not takes:
             systems.append(([None], variants))
@@ -40,7 +40,7 @@ def make_cells(values: Values) -> list[Cell]:
         *(listed[key] for key in ("data", "where", "target", "protocol"))
     ):
         corpora = expand_corpus_parameters(values, data, listed["data"])
-        protocols = expand_parameters(values, "protocol", protocol, listed["protocol"])
+        protocols = make_part_variants(values, "protocol", protocol, listed["protocol"])
         for sets, variants in systems:
             for combination in itertools.product(corpora, protocols, sets, variants):
                 data_parameters, protocol_part, features_part, model_part = combination
@@ -64,7 +64,7 @@ def _takes_features(model: object) -> bool:
     return bool(needed) or contract.reads_tables(factory)
 
 
-def expand_parameters(
+def make_part_variants(
     values: Values, key: str, part: object, siblings: list, seed: int | None = None, group: str = ""
 ) -> list[Part]:
     """Make a part with every combination of its dotted parameters.

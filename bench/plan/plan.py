@@ -67,7 +67,7 @@ class Plan:
 
     @cached_property
     def label(self) -> str:
-        """The protocol in words; other splits have other words, so a seed of its own is named."""
+        """The protocol in words; different for different splits, so it names an unusual seed."""
         part = self.cell.protocol
         own_label = getattr(self.cell.splitter, "label", None)
         if own_label is None:
@@ -156,7 +156,7 @@ def make_plans(cells: Iterable[Cell], jobs: int | None) -> list[Plan]:
             gestures = corpus.gestures
             for fold in plan.folds:
                 contract.check_training(estimator, corpus[fold.train], gestures[fold.train])
-        _check_measurements(plan)
+        check_extensions(plan)
         plans.append(plan)
     return plans
 
@@ -179,14 +179,14 @@ def _refuse_repeated_captures(plan: Plan) -> None:
     )
 
 
-def _check_measurements(plan: Plan) -> None:
+def check_extensions(plan: Plan) -> None:
     """Refuse captures and protocols with which the measurements of a cell are impossible."""
     cell, columns = plan.cell, frozenset[str]()
-    if cell.measurements:
+    if cell.extensions:
         from bench.values.stability import COLUMNS
 
         columns = COLUMNS if cell.circumstances else columns
-    columns = columns.union(*(each.columns for each in cell.measurements))
+    columns = columns.union(*(each.columns for each in cell.extensions))
     if taken := reserved_names(map(str, plan.corpus.captures), columns):
         raise InputError(
             f"{plan.corpus.name} has a column {min(taken)!r}, a name that tables of results use; "
@@ -197,8 +197,8 @@ def _check_measurements(plan: Plan) -> None:
             f"protocol={cell.protocol} has several systems in a fold, "
             f"{cell.circumstances[0].key}= tests one; leave one of them out"
         )
-    for measurement in cell.measurements:
-        measurement.refuse_plan(plan)
+    for extension in cell.extensions:
+        extension.check_plan(plan)
 
 
 def check_system(cell: Cell) -> contract.System:
@@ -238,8 +238,8 @@ def load_captures(data: str, parameters: dict[str, object], where: str, target: 
 def make_folds(cell: Cell, corpus: Corpus) -> list[Fold]:
     """Split captures into the folds of a protocol.
 
-    A fold has the name of its test subject, where it tests one that no other fold tests or trains;
-    else a number.
+    If no fold trains on its test subjects, a fold with one test subject is named after it. If two
+    names would be equal, all folds are numbered.
 
     Raises:
         InputError: a fold tests a class that it does not train.

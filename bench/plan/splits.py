@@ -7,10 +7,10 @@ subjects, and yields the positions of training and test captures. It may also ha
   parameters that are not the default, and ``subjects mixed`` if a fold trains and tests a subject;
 - ``official_split(corpus)``: whether its folds are those of a publication, if there are such folds;
 - ``joined(corpus)``: the captures to split, if these are more than those of ``data=``, or windows;
-- ``systems(cell, corpus, fold)``: the fitted systems of a fold, each a `Tested`. By default one,
-  fitted to the training captures. ``split`` may then yield (train, test, pairs): the further
-  training captures of each system, and the captures that it is tested on. Without ``systems``,
-  pairs are parts of ``test`` that are predicted one after the other;
+- ``systems(cell, corpus, fold)``: the fitted systems of a fold, each a `SystemToTest`. By default
+  one, fitted to the training captures. ``split`` may then yield (train, test, pairs). Each pair has
+  the further training captures of one system and the captures it is tested on. Without
+  ``systems``, pairs are parts of ``test`` that are predicted one after the other;
 - ``view``: ``module:class`` of what the report shows of its runs.
 
 The folds themselves tell whether subjects are mixed, and how many captures are tested for each
@@ -37,7 +37,7 @@ class Splitter(Protocol):
         """Training and test captures of each fold, by position."""
 
 
-class Tested(NamedTuple):
+class SystemToTest(NamedTuple):
     """A fitted system and the captures of a fold that it predicts."""
 
     name: str  # of the fold, or of a part of it

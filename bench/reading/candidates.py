@@ -19,7 +19,7 @@ from bench.reading.reactions import Reactions
 from bench.reading.runs import COLUMN_OF_KEY, NothingTracked, one_run_per_system, select_runs
 from bench.values.candidate import Candidate
 from bench.values.measures import Cost, Interval, all_costs, costs_of_run_kind
-from bench.values.result import CONDITIONS_TAG, Result, format_count, seed_number, values_to_agree
+from bench.values.result import CONDITIONS_TAG, Result, comparison_key, format_count, seed_number
 from bench.values.sentences import render_sentences
 
 TAGS = {  # columns of a candidate that repeat a tag of its last run
@@ -107,7 +107,7 @@ def find_candidates(
     windows: bool = False,
     clock: float | None = None,
     batch: bool = False,
-    study: str = "",
+    run_kind: str = "",
     faults: Sequence[str] = (),
     severity: int = SEVERITIES,
 ) -> Candidates:
@@ -122,7 +122,7 @@ def find_candidates(
         windows: score single windows instead of captures.
         clock: clock of the target in MHz, which turns instruction counts into times.
         batch: include systems whose predictions depend on other test captures.
-        study: key of the kind of run that is compared; empty for runs on captures.
+        run_kind: key of the kind of run that is compared; empty for runs on captures.
         faults: faults over which losses are taken.
         severity: their highest severity; lower ones count, too.
 
@@ -131,7 +131,9 @@ def find_candidates(
     """
     all_views = views_of_runs()
     views = {
-        tag: view for tag, view in all_views.items() if (tag if view.is_study else "") == study
+        tag: view
+        for tag, view in all_views.items()
+        if (tag if view.shows_run_kind else "") == run_kind
     }
     offered = [r for r in results if r.kind in views and views[r.kind].has_candidate(r)]
     if windows:
@@ -157,7 +159,7 @@ def find_candidates(
     table.loc[same & (apart != ""), "unit"] += ", " + apart
     subjects = mean_over_seeds(candidate.scores for candidate, _ in seeds)
     amounts = mean_over_seeds(
-        _costs_of_candidate(candidate, r.metrics | system_costs[str(r["system"])], study)
+        _costs_of_candidate(candidate, r.metrics | system_costs[str(r["system"])], run_kind)
         for candidate, r in seeds
     )
     table = pd.concat([table.assign(accuracy=subjects.mean(axis=1)), amounts], axis=1)
@@ -173,7 +175,7 @@ def find_candidates(
     counted = np.array([part.reindex(columns=people) for part in counts])
     counted = counted.reshape(-1, len(ways), len(people))
     candidates = Candidates(table, subjects, lost, counted, runs[0], notes)
-    return candidates.with_people_costs(costs_of_run_kind(study))
+    return candidates.with_people_costs(costs_of_run_kind(run_kind))
 
 
 def _ways_of_systems(
@@ -216,13 +218,13 @@ def _describe_way(way: Way, system_costs: Mapping[str, Mapping[str, float]]) -> 
 
 
 def _costs_of_candidate(
-    candidate: Candidate, metrics: Mapping[str, float], study: str
+    candidate: Candidate, metrics: Mapping[str, float], run_kind: str
 ) -> dict[str, Any]:
     """Costs of a candidate that do not depend on people, by name.
 
     The time of a decision is the touch that it needs; computing time here is another cost.
     """
-    costs = costs_of_run_kind(study)
+    costs = costs_of_run_kind(run_kind)
     fixed = {name: cost for name, cost in costs.items() if cost.of_people is None}
     others = {n: stored for n, stored in candidate.stored.items() if n in fixed}
     numbers = {fixed[n].source_name: metrics.get(stored) for n, stored in others.items()}
@@ -350,8 +352,8 @@ def _newest_comparable(results: Sequence[Result]) -> tuple[list[Result], list[st
             f"name one of: {'; '.join(arguments[:4])}"
         )
     views, by_age = views_of_runs(), sorted(results, key=lambda r: r["started"])
-    newest = values_to_agree(by_age[-1], ["protocol"])
-    same = [r for r in by_age if values_to_agree(r, ["protocol"]) == newest]
+    newest = comparison_key(by_age[-1], ["protocol"])
+    same = [r for r in by_age if comparison_key(r, ["protocol"]) == newest]
     last = {r.kind: r for r in same}
     kept: set[Result] = set()
     different: dict[str, None] = {}  # names of shared parameters that differ

@@ -83,8 +83,8 @@ class Choice:
 
     @property
     def study(self) -> str:
-        """The study whose runs are compared; empty for runs on captures."""
-        return self._view.tag if self._view.is_study else ""
+        """The kind of the compared runs; empty for runs on captures."""
+        return self._view.tag if self._view.shows_run_kind else ""
 
     @property
     def _view(self) -> Any:
@@ -306,10 +306,10 @@ def choose_from_runs(
     scene, costs = scene or Scene(), [all_costs()[name] for name in (by, *budgets)]
     if not scene.faults and any(cost.is_fault_loss for cost in costs):
         scene = replace(scene, faults=FAULT_NAMES)
-    of_studies = [cost.measured_on[0] for cost in costs if "captures" not in cost.measured_on]
-    study = of_studies[0] if of_studies else ""
-    if study:
-        _check_study(study, by, unit, budgets, clock)
+    run_kinds = [cost.measured_on[0] for cost in costs if "captures" not in cost.measured_on]
+    run_kind = run_kinds[0] if run_kinds else ""
+    if run_kind:
+        _check_run_kind(run_kind, by, unit, budgets, clock)
     if scene.faults and unit == "window":
         raise InputError(
             "unit=window: losses under faults are of whole captures; leave it or the faults out"
@@ -324,12 +324,12 @@ def choose_from_runs(
             windows=unit == "window",
             clock=clock,
             batch=batch,
-            study=study,
+            run_kind=run_kind,
             faults=scene.faults,
             severity=scene.severity,
         )
     except NothingTracked as e:
-        raise NothingTracked(_missing_study(results, selection, study) or str(e)) from e
+        raise NothingTracked(_missing_runs_command(results, selection, run_kind) or str(e)) from e
     processors = sorted(set(candidates.table["cpu"]))
     if "predict" in {by, *budgets} and len(processors) > 1:
         warn(f"warning: computing times come from several processors: {'; '.join(processors)}")
@@ -338,29 +338,35 @@ def choose_from_runs(
     return replace(choice, clock=clock, scene=scene, missing=missing, notes=[*notes], why=why)
 
 
-def _missing_study(results: Sequence[Any], selection: Mapping[str, list[str]], study: str) -> str:
-    """The command that makes runs of a study from stored runs on captures; empty without any."""
+def _missing_runs_command(
+    results: Sequence[Any], selection: Mapping[str, list[str]], run_kind: str
+) -> str:
+    """The command that makes runs of a kind from stored runs on captures; empty without any."""
     views = views_of_runs()
     selected = select_runs(results, {"target": ["gesture"], **selection})
-    runs = [r for r in selected if r.is_complete and r.kind in views and not views[r.kind].is_study]
-    if not study or not runs:
+    runs = [
+        r
+        for r in selected
+        if r.is_complete and r.kind in views and not views[r.kind].shows_run_kind
+    ]
+    if not run_kind or not runs:
         return ""
-    key = views[study].key
+    key = views[run_kind].key
     command = format_command(key, repeated_arguments(runs[0]["touchbench.arguments"]))
     return f"no run of bench {key} is stored; make one with: {command}"
 
 
-def _check_study(
-    study: str, by: str, unit: str, budgets: Mapping[str, float], clock: float | None
+def _check_run_kind(
+    run_kind: str, by: str, unit: str, budgets: Mapping[str, float], clock: float | None
 ) -> None:
-    """Refuse keys by which runs of a study cannot be compared."""
+    """Refuse keys by which runs of a kind cannot be compared."""
     costs = all_costs()
-    unknown = [name for name in costs if name not in costs_of_run_kind(study)]
+    unknown = [name for name in costs if name not in costs_of_run_kind(run_kind)]
     wrong = [f"by={by}"] if by in unknown else []
     wrong += [f"{costs[name].budget_key}=" for name in unknown if name in budgets]
     wrong += [f"unit={unit}"] if unit == "window" else []
     wrong += ["clock="] if clock is not None else []
     if wrong:
-        keys = [costs[name].budget_key for name in budgets if study in costs[name].measured_on]
-        runs = f"runs of bench {views_of_runs()[study].key}, which {[*keys, 'by'][0]}= compares"
+        keys = [costs[name].budget_key for name in budgets if run_kind in costs[name].measured_on]
+        runs = f"runs of bench {views_of_runs()[run_kind].key}, which {[*keys, 'by'][0]}= compares"
         raise InputError(f"{wrong[0]}: {runs}, have no such value; leave it out")

@@ -9,7 +9,7 @@ import pandas as pd
 
 from bench.errors import InputError, suggest_names
 from bench.ground.typed import arguments_of_label, format_command
-from bench.values.result import FOLD_COUNTS, Result, Row, setting_phrases, values_to_agree
+from bench.values.result import FOLD_COUNTS, Result, Row, comparison_key, setting_phrases
 
 DESCRIPTION = (
     "system model features parameters seed unit subset target data protocol".split()
@@ -48,14 +48,14 @@ def group_results(
     (`bench.values.result.setting_phrases`).
     """
     same = same or {}
-    words = {values_to_agree(r, same): [*r.context, *setting_phrases(r, same)] for r in results}
+    words = {comparison_key(r, same): [*r.context, *setting_phrases(r, same)] for r in results}
     texts = {key: ", ".join(each) for key, each in words.items()}
     digests: dict[str, set[str]] = {}
     for key, text in texts.items():
         digests.setdefault(text, set()).add(key[1])
     groups: dict[str, list[Result]] = {}
     for r in results:
-        key = values_to_agree(r, same)
+        key = comparison_key(r, same)
         digest = f", corpus {key[1][:8]}" if len(digests[texts[key]]) > 1 else ""
         groups.setdefault(texts[key] + digest, []).append(r)
     return groups

@@ -19,12 +19,13 @@ import pandas as pd
 from scipy.stats import binom
 
 from bench.errors import InputError
+from bench.ground.digests import json_with_digest, read_json_with_digest
 from bench.values import scores
 
 if TYPE_CHECKING:
     from bench.values.result import Result
 
-FORMAT = 1  # of the file of a baseline
+FORMAT = 2  # of the file of a baseline
 KEY_TAGS = ("data", "corpus_digest", "subset", "target", "protocol", "system", "seed")
 # Tags that a run shares with its counterpart, at least.
 COUNTERPART_TAGS = tuple(name for name in KEY_TAGS if name not in ("corpus_digest", "seed"))
@@ -307,7 +308,7 @@ def read_baseline(path: Path) -> list[SystemRecord]:
         InputError: the file is missing, damaged or empty.
     """
     try:
-        stored = json.loads(path.read_text(encoding="utf-8-sig"))
+        stored = read_json_with_digest(path)
         if stored["format"] != FORMAT:
             raise ValueError(f"format {stored['format']}, not {FORMAT}")
         baseline = [_record_from_json(dict(entry)) for entry in stored["systems"]]
@@ -342,7 +343,7 @@ def _record_from_json(entry: dict) -> SystemRecord:
 
 
 def baseline_json(baseline: list[SystemRecord]) -> str:
-    """A baseline as JSON, with a line for each system and subject, so that diffs can be read."""
+    """A baseline as JSON with a digest, and a line for each subject, so that diffs can be read."""
     entries = []
     for record in baseline:
         labels, rows = record.labels, []
@@ -357,4 +358,4 @@ def baseline_json(baseline: list[SystemRecord]) -> str:
         lines = ",\n  ".join(rows)
         entries.append(f'{text[:-1]}, "tested": [\n  {lines}]}}')
     systems = ",\n".join(entries)
-    return f'{{"format": {FORMAT}, "systems": [\n{systems}\n]}}\n'
+    return json_with_digest(f'{{"format": {FORMAT}, "systems": [\n{systems}\n]}}\n')

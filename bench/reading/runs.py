@@ -93,7 +93,7 @@ def _values_as_text(r: Mapping[str, Any], names: Iterable[str]) -> tuple[str, ..
 
 
 def _tracked_parameters() -> set[str]:
-    """Names of the parameters of all circumstances and studies."""
+    """Names of the parameters of all circumstances and kinds of run."""
     return {name for view in load_views().values() for name in view.tracked}
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import errno
-import tomllib
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -13,7 +12,7 @@ from pathlib import Path
 
 from bench.corpora.fault_names import FAULT_NAMES, SEVERITIES
 from bench.errors import InputError
-from bench.ground.typed import parse_amount
+from bench.ground.typed import parse_amount, parse_toml
 from bench.reading.reactions import Reactions, check_known
 from bench.values.measures import Cost, all_costs
 from bench.values.sentences import render_sentences
@@ -121,18 +120,17 @@ def read_scene(name: str) -> Scene:
         file = Path(str(shipped[name])) if name in shipped else Path(name)
         if file.exists() and not (file.is_file() or file.is_dir()):  # a device may have no end
             raise OSError(errno.EINVAL, "not a plain file")
-        return scene_from_table(tomllib.loads(file.read_text(encoding="utf-8")))
-    except (OSError, UnicodeError) as e:
-        reason = getattr(e, "strerror", None) or "not UTF-8 text"
+        return scene_from_table(parse_toml(file.read_bytes()))
+    except OSError as e:
         raise InputError(
-            f"scene={name}: {reason}; give a TOML file, or {', '.join(sorted(shipped))}"
+            f"scene={name}: {e.strerror}; give a TOML file, or {', '.join(sorted(shipped))}"
         ) from e
     except RecursionError as e:
         raise InputError(
             f"scene={name}: it is nested more deeply than any line of a scene; see docs/scenes.md"
         ) from e
-    except ValueError as e:  # also a number of thousands of digits
-        raise InputError(f"scene={name} is not TOML: {str(e).partition(';')[0]}") from e
+    except ValueError as e:  # a number of thousands of digits
+        raise InputError(f"scene={name}: not TOML: {str(e).partition(';')[0]}") from e
     except InputError as e:
         raise InputError(f"scene={name}: {e}") from e
 

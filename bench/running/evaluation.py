@@ -129,7 +129,7 @@ def measure_run(plan: Plan, about: Mapping[str, str], folds: list[FoldResult]) -
             own_numbers, own_tables = circumstance.measure_run(inputs, folds, rate_hz)
             numbers, tables = numbers | own_numbers, tables | own_tables
             if circumstance.has_slices:
-                labels.append(circumstance.label_rows(inputs, rate_hz))
+                labels.append(circumstance.own_label_rows(inputs, rate_hz))
                 nouns[circumstance.key] = circumstance.case_noun
         all_labels = pd.concat(labels, ignore_index=True)
         own_numbers, own_tables = find_failing_slices(all_labels, nouns, about["target"])

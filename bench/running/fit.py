@@ -73,7 +73,14 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True, learner: Any
     """
     import mlflow
 
-    from bench.running.saved import Recogniser, copy_own_code, pickle_user_code, silence_mlflow
+    from bench.running.saved import (
+        Recogniser,
+        copy_own_code,
+        log_model,
+        pickle_user_code,
+        save_model,
+        silence_mlflow,
+    )
 
     if out is not None:
         check_empty_folder(out)
@@ -123,10 +130,10 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True, learner: Any
             mlflow.start_run(run_id=run_id),
         ):
             model["code_paths"] = [code]
-            saved = mlflow.pyfunc.log_model(name="model", **model)
+            saved = log_model(model)
             if out is not None:  # last: if this is killed before, the command can be repeated
                 with fill_then_rename(out) as folder:
-                    mlflow.pyfunc.save_model(str(folder), **model)
+                    save_model(folder, model)
     gestures = int((~np.isin(corpus.gestures, corpus.info.get(ASIDE, []))).sum())
     note = "" if watcher is None else learner.note
     return Fitted(cell, recogniser, saved.model_uri, run_id, gestures, note)

@@ -1,7 +1,7 @@
 """Fitted systems as MLflow models: saved by `bench fit`, and loaded again.
 
 A model is code: loading one runs it. Models are loaded from the user's store, and from folders that
-the user names.
+the user names. The digests of its files are checked first.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import shutil
 import sys
 import tempfile
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, entry_points, requires, version
 from pathlib import Path
@@ -26,6 +26,7 @@ import numpy as np
 import pandas as pd
 from mlflow.exceptions import MlflowException
 from mlflow.models import ModelSignature
+from mlflow.models.model import ModelInfo
 from mlflow.protos.databricks_pb2 import INVALID_PARAMETER_VALUE
 from mlflow.pyfunc import PythonModel
 from mlflow.types import ColSpec, DataType, ParamSchema, ParamSpec, Schema
@@ -34,6 +35,7 @@ from mlflow.types.schema import AnyType
 from bench.corpora.corpus import Corpus, shared_frames
 from bench.corpora.read.table import corpus_from_table
 from bench.errors import InputError
+from bench.ground.digests import FOLDER_FILE, DamagedFile, check_folder, write_folder_digest
 from bench.ground.registry import FILE_MODULE_PREFIX
 from bench.ground.source import lies_in, package_folder
 from bench.running.fold import predict_to_table
@@ -277,6 +279,22 @@ def pickle_user_code() -> None:
             cloudpickle.register_pickle_by_value(module)
 
 
+def save_model(folder: Path, arguments: Mapping[str, Any]) -> None:
+    """Save a model as a folder, with the digests of its files."""
+    mlflow.pyfunc.save_model(str(folder), **arguments)
+    write_folder_digest(folder)
+
+
+def log_model(arguments: Mapping[str, Any]) -> ModelInfo:
+    """Save a model with the active run of MLflow, with the digests of its files."""
+    saved = mlflow.pyfunc.log_model(name="model", **arguments)
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder, FOLDER_FILE)
+        write_folder_digest(Path(mlflow.artifacts.download_artifacts(saved.model_uri)), file)
+        mlflow.MlflowClient().log_model_artifact(saved.model_id, str(file))
+    return saved
+
+
 def load_recogniser(model: str) -> Recogniser:
     """Load a saved system by its address in the user's store, or its folder.
 
@@ -297,7 +315,13 @@ def load_recogniser(model: str) -> Recogniser:
     path = list(sys.path)
     try:
         with silence_mlflow():
-            recogniser = mlflow.pyfunc.load_model(model).unwrap_python_model()
+            folder = mlflow.artifacts.download_artifacts(model)
+            check_folder(Path(folder))
+            recogniser = mlflow.pyfunc.load_model(folder).unwrap_python_model()
+    except DamagedFile as e:
+        raise InputError(
+            f"{model} is damaged: {e}; restore it, or save it again with bench fit"
+        ) from e
     except Exception as e:  # a missing run, a damaged file, a missing library
         if isinstance(e, ModuleNotFoundError) and str(e.name).startswith("bench."):
             lacks = f"needs {e.name}, which this version of touchbench lacks"

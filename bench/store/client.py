@@ -18,8 +18,6 @@ from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote, unquote, urlparse
 
-from filelock import FileLock
-
 from bench.errors import InputError, StoreError
 from bench.ground.progress import warn
 from bench.ground.registry import PART_GROUPS
@@ -28,11 +26,14 @@ from bench.store.database import (
     BESIDE,
     check_writable,
     create_database,
+    has_experiment,
+    lock_file,
     lock_folder,
     open_database,
     sqlite_file,
     store_uri,
     upgrade_database,
+    why_sqlite_failed,
 )
 from bench.store.tables import HOW_TO_RESTORE, read_table, table_file
 from bench.values.result import Result, RunTables
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
     from mlflow.store.artifact.artifact_repo import ArtifactRepository
 
 EXPERIMENT = "touchbench"
-FORMAT = "4"  # version of stored runs; others are left out
+FORMAT = "5"  # version of stored runs; others are left out
 RUNS_PER_REQUEST = 5000
 FOLD_PREFIX = "fold/"  # of metrics whose steps are folds
 RETRIES = "5"  # of a request to a server, after 0, 4, 8, 16 and 32 seconds
@@ -61,6 +62,9 @@ def report_store_errors() -> Iterator[None]:
 
         if not isinstance(e, (MlflowException, RequestException, SQLAlchemyError, OSError)):
             raise
+        path = sqlite_file(store_uri())
+        if path and (reason := why_sqlite_failed(e, path)):
+            raise StoreError(reason) from e
         raise StoreError(
             f"the MLflow store {_printed_address()} failed: {_first_line(e)}; "
             "stored results are kept; repeat the command when the store works again"
@@ -336,11 +340,13 @@ def connect(writes: bool = False) -> Store:
 
     # Several processes that create the tables at the same moment break the file for good.
     lock = path.with_name(path.name + ".lock") if path else lock_folder() / "tracking.lock"
-    with nullcontext() if is_read_only else FileLock(lock):
+    is_ready = path is not None and not writes and has_experiment(path, EXPERIMENT)
+    mode = path.stat().st_mode & 0o666 if path and path.exists() else 0o644
+    with nullcontext() if is_read_only or is_ready else lock_file(lock, mode=mode):
         # `report_store_errors` reports failures.
         logging.getLogger("mlflow.store.db").setLevel(logging.CRITICAL)
         try:
-            if path is not None and not is_read_only:
+            if path is not None and not (is_read_only or is_ready):
                 remove_leftovers(path.parent, f".{path.name}.")
                 if not path.exists() or not path.stat().st_size:
                     create_database(path)
@@ -351,6 +357,8 @@ def connect(writes: bool = False) -> Store:
             return Store(client, _find_or_create_experiment(client, None if is_read_only else path))
         # also a missing driver, and a name that is no UTF-8
         except (MlflowException, SQLAlchemyError, StoreError, ImportError, UnicodeError) as e:
+            if path is not None and (reason := why_sqlite_failed(e, path)):
+                raise InputError(reason) from e
             raise InputError(
                 f"MLflow store {_printed_address()} cannot be used: {_why_unusable(e)}"
             ) from e

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import sqlite3
 import subprocess
@@ -25,6 +26,10 @@ if TYPE_CHECKING:
     from mlflow.store.tracking.sqlalchemy_store import SqlAlchemyStore
 
 SQLITE = ("sqlite:///", "sqlite+pysqlite:///")  # before the path of a file
+SQLITE_ERROR = re.compile(
+    "database is locked|database table is locked|database disk image is malformed"
+    "|malformed database schema[^\n]*|file is not a database|disk I/O error"
+)
 # Scheme of artifacts that lie beside MLflow's SQLite file, wherever that is moved
 BESIDE = "touchbench"
 
@@ -82,21 +87,66 @@ def create_database(path: Path) -> None:
         new.replace(path)
 
 
-def upgrade_database(path: Path) -> None:
-    """Upgrade a SQLite file of an older MLflow; a copy stays beside it, for that version."""
-    from mlflow.store import db_migrations
+def why_sqlite_failed(error: BaseException, path: Path) -> str:
+    """What is wrong with a SQLite file, and what to do; "" for any other error."""
+    reason = SQLITE_ERROR.search(str(error))
+    if not reason:
+        return ""
+    if "locked" in reason[0]:
+        return f"another program holds {path}; repeat the command"
+    return f"{path} is damaged ({reason[0]}); restore a copy, or move it away"
 
-    with closing(sqlite3.connect(path)) as file:
+
+@contextmanager
+def query_database(path: Path) -> Iterator[sqlite3.Connection]:
+    """Read a SQLite file without MLflow, which would repeat for minutes what fails.
+
+    Raises:
+        InputError: it is damaged, or another program holds it.
+    """
+    try:
+        with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as file:
+            yield file
+    except sqlite3.Error as e:
+        raise InputError(why_sqlite_failed(e, path) or f"{path} cannot be read: {e}") from e
+
+
+def find_schema(path: Path) -> str:
+    """The schema of a SQLite file of MLflow; "" for one without its tables."""
+    with query_database(path) as file:
         has_schema = "SELECT 1 FROM sqlite_master WHERE name = 'alembic_version'"
         if not file.execute(has_schema).fetchone():
-            return
-        (schema,) = file.execute("SELECT version_num FROM alembic_version").fetchone() or [""]
-        steps = Path(db_migrations.__file__).parent.glob("versions/*.py")
-        if not any(f'down_revision = "{schema}"' in step.read_text() for step in steps):
-            return
-        copy = path.with_name(f"{path.name}.{schema}")
-        with closing(sqlite3.connect(copy)) as beside:
-            file.backup(beside)
+            return ""
+        return (file.execute("SELECT version_num FROM alembic_version").fetchone() or [""])[0]
+
+
+def is_outdated(schema: str) -> bool:
+    """True if the installed MLflow can upgrade a schema."""
+    from mlflow.store import db_migrations
+
+    steps = Path(db_migrations.__file__).parent.glob("versions/*.py")
+    return any(f'down_revision = "{schema}"' in step.read_text() for step in steps)
+
+
+def has_experiment(path: Path, name: str) -> bool:
+    """True if a SQLite file is ready to be read: of this MLflow, with an experiment."""
+    if not path.exists() or not path.stat().st_size:
+        return False
+    if not (schema := find_schema(path)) or is_outdated(schema):
+        return False
+    with query_database(path) as file:
+        found = file.execute("SELECT 1 FROM experiments WHERE name = ?", [name])
+        return found.fetchone() is not None
+
+
+def upgrade_database(path: Path) -> None:
+    """Upgrade a SQLite file of an older MLflow; a copy stays beside it, for that version."""
+    schema = find_schema(path)
+    if not schema or not is_outdated(schema):
+        return
+    copy = path.with_name(f"{path.name}.{schema}")
+    with query_database(path) as file, closing(sqlite3.connect(copy)) as beside:
+        file.backup(beside)
     warn(f"{path} is of an older MLflow and is upgraded now; that version can read the copy {copy}")
     words = [sys.executable, "-m", "mlflow", "db", "upgrade", f"sqlite:///{path.name}"]
     done = subprocess.run(words, cwd=path.parent, capture_output=True, text=True)
@@ -132,14 +182,43 @@ def check_writable(path: Path, required: bool) -> bool:
     return error is None
 
 
+class RunLocked(InputError):
+    """Another process evaluates the system of a run."""
+
+
+@contextmanager
+def lock_file(path: Path, timeout: float = -1, mode: int = 0o644) -> Iterator[None]:
+    """Hold a lock file, which is created if missing with the permissions ``mode``.
+
+    Raises:
+        InputError: it cannot be written, such as that of another user.
+        Timeout: another process holds it for longer than ``timeout`` seconds.
+    """
+    lock = FileLock(path, timeout, mode)
+    try:
+        lock.acquire()
+    except OSError as e:
+        if isinstance(e, Timeout):  # an OSError, too
+            raise
+        owner = f", a file of {path.owner()}," if path.exists() else ""
+        raise InputError(
+            f"the lock {path}{owner} cannot be written ({e.strerror or e}); "
+            "make it writable, or delete it while no command runs"
+        ) from e
+    try:
+        yield
+    finally:
+        lock.release()
+
+
 @contextmanager
 def lock_run(key: str) -> Iterator[None]:
     """Refuse to run folds that another process runs at the moment."""
     try:
-        with FileLock(lock_folder() / f"{key}.lock", timeout=0):
+        with lock_file(lock_folder() / f"{key}.lock", timeout=0):
             yield
     except Timeout as e:
-        raise InputError(
+        raise RunLocked(
             "another process is evaluating this system; wait for it and repeat the command"
         ) from e
 

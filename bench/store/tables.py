@@ -1,14 +1,19 @@
-"""Tables of runs as parquet: one writer and one reader, so that types survive."""
+"""Tables of runs as parquet: one writer and one reader, so that types survive.
+
+Each file has a digest, which is checked before it is read.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import pandas as pd
 
 from bench.errors import InputError
+from bench.ground.digests import check_parquet, parquet_with_digest
 
 # Tables that are stored as CSV too: MLflow's page shows no parquet
 CSV_TABLES = ("confusion", "per_class", "chosen", "trials")
@@ -24,7 +29,12 @@ def table_file(name: str) -> str:
 
 def write_table(table: pd.DataFrame, path: Path | BinaryIO) -> None:
     """Write a table as parquet."""
-    as_stored(table).to_parquet(path, index=False)
+    as_stored(table).to_parquet(buffer := BytesIO(), index=False)
+    content = parquet_with_digest(buffer.getvalue())
+    if isinstance(path, Path):
+        path.write_bytes(content)
+    else:
+        path.write(content)
 
 
 def read_table(
@@ -36,9 +46,12 @@ def read_table(
         InputError: the file is damaged; the message names the table and the run.
     """
     try:
-        from pyarrow import parquet
+        from pyarrow import BufferReader, parquet
 
-        with parquet.ParquetFile(file, pre_buffer=False) as opened:  # pandas takes twice as long
+        content = file.read_bytes() if isinstance(file, Path) else file.read()
+        check_parquet(content)
+        reader = BufferReader(content)
+        with parquet.ParquetFile(reader, pre_buffer=False) as opened:  # pandas takes twice as long
             if columns:
                 return opened.read([*columns], use_threads=False)
             table = opened.read(use_threads=False, use_pandas_metadata=True)

@@ -61,8 +61,8 @@ def footnotes_of_system(system: str, data: str) -> list[str]:
 def _notes_by_design(system: str) -> list[tuple[str, str]]:
     """The corpora on which registered parts of a system were designed, with a note.
 
-    The name of a part of a user's file has a dot, unless no part of its group has this name. The
-    name of an object has parentheses.
+    The name of a part of a user's file has a dot if a registered part has the same name. The name
+    of an object has parentheses.
     """
     registered = r"(?<![\w.])(\w+)(?![\w.(])"
     model = re.match(rf"(?:tuned )?{registered}", system)
@@ -73,7 +73,7 @@ def _notes_by_design(system: str) -> list[tuple[str, str]]:
     return [designed[group][name] for group, name in names if name in designed[group]]
 
 
-def values_to_agree(run: Row, parameters: Iterable[str] = ()) -> tuple[str, ...]:
+def comparison_key(run: Row, parameters: Iterable[str] = ()) -> tuple[str, ...]:
     """Values that two runs share if they may be compared: captures, protocol, some parameters."""
     return tuple(str(run.get(name, "")) for name in (*COMPARISON_TAGS, *parameters))
 
@@ -232,7 +232,7 @@ class Result(Mapping[str, Any]):
     @property
     def values_to_agree(self) -> tuple[str, ...]:
         """Values that two results share if they may be compared."""
-        return values_to_agree(self.attributes)
+        return comparison_key(self.attributes)
 
     @property
     def mixes_subjects(self) -> bool:

@@ -50,7 +50,7 @@ class View:
         self.key, self.tracked, self.tag = key, tracked, tag
 
     @property
-    def is_study(self) -> bool:
+    def shows_run_kind(self) -> bool:
         """True for the runs of a study, which are chosen among themselves."""
         return self.tag == self.key
 

@@ -28,7 +28,7 @@ model = "tree"
 seed = [0, 1]
 """
 WRONG = [  # content of a file, and what the refusal names
-    ("model = ", "is not TOML"),
+    ("model = ", "not TOML"),
     ('model = "svm"\nmodel.C = 8', 'such as "model.C" = 8'),
     ("model.C = 8", 'such as "model.C" = 8'),
     ('[a]\nmodell = "svm"', "[a]: no key is called 'modell'; did you mean model"),

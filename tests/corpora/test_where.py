@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.corpora.where import captures_where
+from bench.corpora.where import where_mask
 from bench.errors import InputError
 
 WORDS = ["pat", "rub", "slap", "a b", "", "é", "p", "'", "&", "or"]
@@ -44,7 +44,7 @@ def captures():
 )
 def test_the_same_as_pandas(captures, text):
     theirs = captures.eval(text, engine="python").to_numpy()
-    assert theirs.any() and np.array_equal(captures_where(text, captures, "arm"), theirs)
+    assert theirs.any() and np.array_equal(where_mask(text, captures, "arm"), theirs)
 
 
 REFUSED = [
@@ -78,7 +78,7 @@ ATTACKS = [
 def test_a_condition_that_is_none_is_refused_in_a_line_and_does_nothing(captures, text, reason):
     before, started = captures.copy(), time.perf_counter()
     with pytest.raises(InputError) as refused:
-        captures_where(text, captures, "arm")
+        where_mask(text, captures, "arm")
     message = str(refused.value)
     assert time.perf_counter() - started < 2 and message.startswith("where=")
     assert reason in message and len(message) <= 300 and "\n" not in message, message

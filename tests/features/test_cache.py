@@ -1,5 +1,7 @@
 """Stored feature tables: computed once for each key, and again if they are damaged."""
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -86,6 +88,6 @@ def test_a_folder_that_cannot_be_written_only_costs_time(
     def full(*_, **__):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(pd.DataFrame, "to_parquet", full)
+    monkeypatch.setattr(Path, "write_bytes", full)
     assert Jung28().transform(stored[3:5]).equals(expected)
     assert not list((data_folder() / "features").iterdir())

@@ -224,7 +224,7 @@ def test_the_footnote_of_reflex_stands_wherever_it_is_compared_on_haart(quick, s
         compared = others.agg(" ".join, axis=1).str.contains("reflex")
         assert rows["note"].str.contains(words).tolist() == compared.tolist(), name
     runs = [make_run("reflex", **HAART)]
-    assert printing.print_tables(runs, [(load_views()["run"], runs)]) == 0
+    assert printing.print_results_and_failures(runs, [(load_views()["run"], runs)]) == 0
     assert words in capsys.readouterr().out
     assert words in repr(bench.compare("reflex", "svm · jung54"))
 

@@ -11,7 +11,7 @@ import pytest
 from bench.cli import main
 from bench.plan.grid import make_cells
 from bench.plan.plan import make_plans
-from bench.running import loop
+from bench.running import loop, saved
 from bench.running.loop import run_plans
 from bench.running.tracking import TrackedRun
 from bench.store.client import connect
@@ -119,8 +119,8 @@ def test_a_fit_that_is_cut_off_can_be_repeated(monkeypatch):
 
     fit = lambda: main(["fit", *SMALL, "stopping=no", "out=saved"])  # noqa: E731
     with monkeypatch.context() as patched:
-        patched.setattr(mlflow.pyfunc, "log_model", lambda **_: None)
-        patched.setattr(mlflow.pyfunc, "save_model", half)
+        patched.setattr(saved, "log_model", lambda _: None)
+        patched.setattr(saved, "save_model", half)
         patched.setattr("bench.ground.scratch.owner_prefix", lambda: "nowhere-0-")
         with pytest.raises(Killed):
             fit()

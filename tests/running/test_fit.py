@@ -19,6 +19,7 @@ from bench.errors import InputError
 from bench.plan.grid import make_cells
 from bench.running.fit import fit
 from bench.running.replay import STATE, Calibration, Stopping, Waiting, learn_stopping_rule
+from bench.ground.digests import write_folder_digest
 from bench.running.saved import Recogniser, load_recogniser, reading_step
 from tests.conftest import random_corpus, runs
 from tests.net.build import inside
@@ -145,6 +146,7 @@ def test_what_cannot_be_fitted_or_loaded_is_refused(monkeypatch, capsys):
     monkeypatch.setattr(
         mlflow.pyfunc, "load_model", lambda _: SimpleNamespace(unwrap_python_model=held.__next__)
     )
+    write_folder_digest(Path("full"))
     for fact in ("full is not a model of touchbench", "full was saved by another version"):
         with pytest.raises(InputError, match=fact):
             load_recogniser("full")

@@ -33,7 +33,7 @@ from bench.features.touch import TouchFeatures
 from bench.models.classic.rf import et, rf
 from bench.models.recipe import Recipe
 from bench.models.sizes import measure_sizes
-from bench.running.saved import silence_mlflow
+from bench.running.saved import save_model, silence_mlflow
 from touchbench_chip.tables import collect_contents
 
 pytestmark = pytest.mark.skipif(bool(describe_missing("gcc")), reason=describe_missing("gcc"))
@@ -239,13 +239,9 @@ def program_output(call, text="", **options):
 
 
 def test_the_program_prints_what_bench_live_prints(tmp_path, monkeypatch, capsys):
-    import mlflow
-
     corpus, recogniser = touch_corpus(), fit_system("lda", stopping=True)
     with silence_mlflow():
-        mlflow.pyfunc.save_model(
-            str(tmp_path / "rec"), **recogniser.mlflow_arguments([], corpus[0][:2])
-        )
+        save_model(tmp_path / "rec", recogniser.mlflow_arguments([], corpus[0][:2]))
     assert (
         main(["export", "rec", "out=c"]) == 0 and "TOUCH_THRESHOLD" not in capsys.readouterr().out
     )

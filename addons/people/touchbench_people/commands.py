@@ -62,7 +62,7 @@ def save_adapted(
     import mlflow
 
     from bench.running.fit import EXAMPLE_FRAMES
-    from bench.running.saved import copy_own_code, pickle_user_code, silence_mlflow
+    from bench.running.saved import copy_own_code, pickle_user_code, save_model, silence_mlflow
 
     if hasattr(recogniser, "adapted"):
         raise InputError(
@@ -96,5 +96,5 @@ def save_adapted(
             "code_paths": [code],
         }
         with fill_then_rename(out) as beside:
-            mlflow.pyfunc.save_model(str(beside), **arguments)
+            save_model(beside, arguments)
     return seconds

@@ -21,7 +21,7 @@ from bench.errors import InputError
 from bench.features.jung28 import Jung28
 from bench.models.classic.rf import rf
 from bench.running.replay import STATE, Calibration, Stopping, Waiting
-from bench.running.saved import Recogniser
+from bench.running.saved import Recogniser, save_model
 from tests.conftest import BENCH
 from tests.running.test_replay import Rising, coded_corpus, lengths_of
 from touchbench_streams.detectors.base import Event
@@ -178,11 +178,7 @@ def test_an_endless_stream(lines, code, reported, told, streamed):
 @pytest.mark.live
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
 def test_decisions_come_while_frames_come_and_control_c_ends_it(tmp_path):
-    import mlflow
-
-    mlflow.pyfunc.save_model(
-        str(tmp_path / "model"), **make_recogniser().mlflow_arguments([], np.zeros((2, 2, 3)))
-    )
+    save_model(tmp_path / "model", make_recogniser().mlflow_arguments([], np.zeros((2, 2, 3))))
     process = subprocess.Popen(
         [*BENCH, "live", str(tmp_path / "model"), "hop_ms=20"],
         stdin=subprocess.PIPE,

@@ -21,7 +21,7 @@ from bench.models.recipe import Recipe
 from bench.plan.grid import make_cells
 from bench.reading.runs import load_results
 from bench.running.results import FoldResult
-from bench.running.saved import Recogniser, load_recogniser
+from bench.running.saved import Recogniser, load_recogniser, save_model
 from bench.store.client import connect
 from tests.conftest import predictions, random_corpus, runs
 from tests.reading.results import make_result as result_of
@@ -155,7 +155,7 @@ def test_a_model_that_is_adapted_watches_with_the_adapted_system(recordings, tmp
     watcher = learn_watcher(Threshold(), make, system, recordings[:2], 5.0)[0]
     recogniser = Recogniser(system, captures, watcher=watcher)
     path = str(tmp_path / "rec")
-    mlflow.pyfunc.save_model(path, **recogniser.mlflow_arguments([], captures[0][:3]))
+    save_model(Path(path), recogniser.mlflow_arguments([], captures[0][:3]))
     save_adapted(path, recogniser, captures[:9], captures[:9].gestures, tmp_path / "one")
     one = load_recogniser(str(tmp_path / "one"))
     assert one.watcher.system is one.estimator and one.watcher.level == watcher.level

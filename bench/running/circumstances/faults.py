@@ -106,7 +106,7 @@ class Faults(Circumstance):
     def measure_run(
         self, tables: Mapping[str, pd.DataFrame], folds: Sequence[FoldResult], rate_hz: float
     ) -> tuple[dict[str, float], dict[str, pd.DataFrame]]:
-        """Return accuracy and loss under each fault, and the severity that takes half of the margin."""
+        """Return accuracy and loss under each fault, and the severity at half the margin."""
         from bench.values.stability import fault_metrics, fault_tables
 
         made_tables = fault_tables(tables[LABELS_TABLE], self.key)
