@@ -1,7 +1,7 @@
 """Feature tables in the data folder: computed once per corpus, shared by folds and models.
 
-The name of a table is a hash of all that its values depend on. A table with damaged values is
-computed again: Parquet checks the sums of its pages.
+The name of a table is a hash of all that its values depend on. Each file has a digest; a damaged
+one is computed again.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import os
 from collections.abc import Callable
 from contextlib import suppress
 from functools import lru_cache
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from sklearn.base import BaseEstimator
 from bench.corpora.corpus import Corpus, unblind
 from bench.corpora.folder import open_folder
 from bench.features.signals import capture_blocks
+from bench.ground.digests import check_parquet, parquet_with_digest
 from bench.ground.scratch import data_folder, write_then_rename
 from bench.ground.source import source_digest
 
@@ -45,8 +47,9 @@ def load_or_extract(features: BaseEstimator, X: Corpus) -> pd.DataFrame:
         if corpus is None or corpus.digest != stored.digest:
             return features.extract(X)
         table = _extract_blocks(features, corpus.blind(visible), stored.steps)
+        table.to_parquet(buffer := BytesIO(), index=False)
         with suppress(OSError), write_then_rename(path) as part:  # a full disk only costs time
-            table.to_parquet(part, index=False, write_page_checksum=True)
+            part.write_bytes(parquet_with_digest(buffer.getvalue()))
     if not stored.steps:
         return table.iloc[stored.index].reset_index(drop=True)
     pieces = pd.MultiIndex.from_arrays([stored.index, stored.piece])
@@ -85,7 +88,9 @@ def _load_table(path: Path) -> pd.DataFrame | None:
 
 @lru_cache(maxsize=4)
 def _read_table(path: Path) -> pd.DataFrame:
-    return pd.read_parquet(path, page_checksum_verification=True)
+    content = path.read_bytes()
+    check_parquet(content)
+    return pd.read_parquet(BytesIO(content))
 
 
 def _extract_blocks(features: BaseEstimator, corpus: Corpus, steps: tuple) -> pd.DataFrame:

@@ -22,7 +22,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from bench.ground.digests import json_with_digest, read_json_with_digest
+from bench.ground.digests import DamagedFile, json_with_digest, read_json_with_digest
 from bench.ground.machine import cpu_model
 from bench.ground.progress import warn
 from bench.ground.scratch import data_folder, write_then_rename
@@ -148,9 +148,10 @@ def update_quiet_ms(measured: float) -> float:
     shortest: dict[str, float] = {}
     try:
         shortest = read_json_with_digest(path)
-        if not all(0 < float(ms) < np.inf for ms in shortest.values()):
-            raise ValueError("a time is not above 0")
-    except (ValueError, TypeError):
+        if not all(isinstance(ms, float) and 0 < ms < np.inf for ms in shortest.values()):
+            raise DamagedFile("a time is no number above 0")
+    except DamagedFile:
+        shortest = {}
         warn(f"warning: {path} is damaged; the reference workload of this machine is timed anew")
     except OSError:  # there is none yet
         pass

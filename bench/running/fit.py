@@ -29,8 +29,8 @@ from bench.running.replay import Stopping, learn_stopping_rule, why_unlearnable
 from bench.running.results import FoldResult, combine_costs
 from bench.running.tracking import identity_tags, run_params
 from bench.running.workers import fill_cache
-from bench.store.client import connect, report_store_errors
-from bench.store.database import lock_run, store_uri
+from bench.store.client import connect, report_store_errors, use_tracking_uri
+from bench.store.database import lock_run
 
 if TYPE_CHECKING:
     from bench.running.saved import Recogniser
@@ -122,8 +122,8 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True, learner: Any
         name = f"fit {cell.system_name()} | {cell.data} | all captures"
         run_id = store.create_run(name, tags, params).info.run_id
         store.log_values(run_id, metrics)
-        mlflow.set_tracking_uri(store_uri())
         with (
+            use_tracking_uri(),
             copy_own_code() as code,
             silence_mlflow(),
             report_store_errors(),

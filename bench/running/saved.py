@@ -40,7 +40,7 @@ from bench.ground.registry import FILE_MODULE_PREFIX
 from bench.ground.source import lies_in, package_folder
 from bench.running.fold import predict_to_table
 from bench.running.unlike import is_unlike_training, usual_range
-from bench.store.database import store_uri
+from bench.store.client import use_tracking_uri
 from bench.values.scores import PREFIX, classes_of, most_probable_labels
 
 if TYPE_CHECKING:
@@ -301,11 +301,8 @@ def load_recogniser(model: str) -> Recogniser:
     Raises:
         InputError: it is not there, cannot be loaded, or is of another version.
     """
-    if re.match(r"(models|runs):/", model):
-        mlflow.set_tracking_uri(store_uri())
-    elif (Path(model) / "MLmodel").is_file():
-        model = str(Path(model))
-    else:
+    is_address = re.match(r"(models|runs):/", model)
+    if not is_address and not (Path(model) / "MLmodel").is_file():
         raise InputError(
             f"{model}: not a saved model; give models:/... or runs:/.../model of the store of this "
             "folder, or a folder of bench fit out="
@@ -314,8 +311,8 @@ def load_recogniser(model: str) -> Recogniser:
         importlib.import_module(f"bench.{name}")
     path = list(sys.path)
     try:
-        with silence_mlflow():
-            folder = mlflow.artifacts.download_artifacts(model)
+        with use_tracking_uri(), silence_mlflow():
+            folder = mlflow.artifacts.download_artifacts(model if is_address else str(Path(model)))
             check_folder(Path(folder))
             recogniser = mlflow.pyfunc.load_model(folder).unwrap_python_model()
     except DamagedFile as e:

@@ -159,7 +159,8 @@ class TrackedRun:
         own_tags = {k: text for k, text in result.attributes.items() if k not in about}
         tables = dict(result.tables) | _training_tables(folds) | {FOLDS: self._folds_table()}
         metrics = result.metrics | {"folds": len(folds), "folds_failed": failed_folds}
-        self.store.log_values(run_id, metrics, tags=own_tags | self.tags)
+        step = self.store.next_step(run_id, "folds")
+        self.store.log_values(run_id, metrics, tags=own_tags | self.tags, step=step)
         with tempfile.TemporaryDirectory() as folder:
             for name, table in tables.items():
                 write_table(table, Path(folder) / table_file(name))
@@ -183,10 +184,11 @@ class TrackedRun:
     def _folds_table(self) -> pd.DataFrame:
         """A row for each fold: status, seconds, numbers and machine, and why it failed."""
         rows: list[dict[str, object]] = []
+        no_seconds = {"seconds": float("nan")}  # a column also where every fold failed
         for fold in self.plan.folds:
             result, reason = self.finished_folds.get(fold.name), self.reasons.get(fold.name, "")
             status = "FAILED" if result is None or reason else "FINISHED"
-            row: dict[str, object] = {"fold": fold.name, "status": status}
+            row: dict[str, object] = {"fold": fold.name, "status": status} | no_seconds
             if result:
                 row |= {"seconds": result.seconds} | result.tracked_metrics
                 row |= result.machine._asdict() if result.machine else {}

@@ -5,6 +5,7 @@ import json
 import pytest
 
 from bench.ground import timing
+from bench.ground.digests import json_with_digest, read_json_with_digest
 from bench.ground.scratch import data_folder
 
 
@@ -60,10 +61,25 @@ def test_seconds_that_a_system_reports_replace_the_measured_ones(clocks):
 def test_the_quiet_machine_is_the_fastest_that_was_seen(clocks):
     for clocks.shared, ms in ((2.0, 20), (1.0, 10), (2.0, 10)):  # at first the slow one is fastest
         assert timing.time_repeatedly([lambda: clocks.work(0.01)]).ms == pytest.approx([ms])
-    (stored,) = json.loads((data_folder() / timing.REFERENCE_FILE).read_text()).values()
+    (stored,) = read_json_with_digest(data_folder() / timing.REFERENCE_FILE).values()
     assert stored == pytest.approx(2)
-    (data_folder() / timing.REFERENCE_FILE).write_text("{cut off")
-    assert timing.time_repeatedly([lambda: clocks.work(0.01)]).quiet_ms == pytest.approx(4)
+
+
+@pytest.mark.parametrize("ms", ["cut off", 1.0, -5, 0, None, float("nan"), "many", [1]])
+def test_a_damaged_time_of_the_quiet_machine_is_measured_anew_with_a_warning(clocks, capsys, ms):
+    """Also one with a digest that no clock has measured."""
+    work, file = [lambda: clocks.work(0.01)], data_folder() / timing.REFERENCE_FILE
+    assert timing.time_repeatedly(work).quiet_ms == pytest.approx(2)
+    values = json.dumps(dict.fromkeys(read_json_with_digest(file), ms))
+    texts = [values, values[:-1]]
+    if ms != 1.0:
+        texts.append(json_with_digest(values))
+    for text in texts:
+        file.write_text(text)
+        capsys.readouterr()
+        assert timing.time_repeatedly(work).quiet_ms == pytest.approx(2)
+        assert "is damaged; the reference workload" in capsys.readouterr().err.replace("\n", " ")
+        assert timing.time_repeatedly(work) and not capsys.readouterr().err
 
 
 def test_a_clock_that_stands_still_is_an_error(clocks):

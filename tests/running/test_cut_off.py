@@ -3,7 +3,6 @@
 from dataclasses import replace
 from pathlib import Path
 
-import mlflow.pyfunc
 import numpy as np
 import pandas as pd
 import pytest
@@ -112,7 +111,7 @@ def test_trials_and_choices_of_any_type_are_the_same_in_memory_and_after_a_resum
 def test_a_fit_that_is_cut_off_can_be_repeated(monkeypatch):
     """While the folder is written, and before its numbers are stored."""
 
-    def half(path, **_):
+    def half(path, _):
         Path(path).mkdir()
         (Path(path) / "input_example.json").write_text("{}")
         raise Killed

@@ -16,10 +16,10 @@ from bench.cli import main
 from bench.corpora.corpus import Corpus
 from bench.corpora.library import open_corpus
 from bench.errors import InputError
+from bench.ground.digests import write_folder_digest
 from bench.plan.grid import make_cells
 from bench.running.fit import fit
 from bench.running.replay import STATE, Calibration, Stopping, Waiting, learn_stopping_rule
-from bench.ground.digests import write_folder_digest
 from bench.running.saved import Recogniser, load_recogniser, reading_step
 from tests.conftest import random_corpus, runs
 from tests.net.build import inside
