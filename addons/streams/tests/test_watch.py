@@ -1,10 +1,10 @@
 """`bench watch`: what is learned, refused and stored; recordings of test subjects under faults."""
 
 from contextlib import nullcontext
+from pathlib import Path
 from types import SimpleNamespace
 from unittest import mock
 
-import mlflow
 import numpy as np
 import pandas as pd
 import pytest
