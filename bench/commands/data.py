@@ -15,6 +15,7 @@ from bench import contract
 from bench.commands.declarations import EXPORT_OPTIONS, SHOW_OPTIONS
 from bench.commands.printing import print_lines, print_next_commands, refuse_unwritable
 from bench.corpora.corpus import Corpus
+from bench.corpora.doubts import doubt_spellings
 from bench.corpora.library import (
     ASIDE,
     find_corpus_damage,
@@ -112,7 +113,8 @@ def _show_corpus(name: str, values: dict[str, str]) -> int:
     if name in imported_names():
         if line := left_out_message(open_corpus(name, {})):
             print(f"\n{line}")
-        if warnings := open_imported(name).info["warnings"]:
+        imported = open_imported(name)  # an earlier version may have had fewer doubts
+        if warnings := dict.fromkeys([*doubt_spellings(imported), *imported.info["warnings"]]):
             print(f"\nWarnings of the import: {len(warnings)}", *warnings, sep="\n  ")
     page = Path(out, "index.html").resolve().as_uri()
     print(f"\nfigures and a page that shows them; open: {page}")

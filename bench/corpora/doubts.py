@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bench.corpora.corpus import Corpus
+from bench.corpora.spellings import may_be_same, spelling_doubts
 
 MOST_CAPTURES, MOST_FOR_SEAMS = 100, 300  # whose readings are looked at, evenly spread
 BETTER_FIT = 1.1  # times the correlation of neighbours, from which another grid is likelier
@@ -39,18 +40,22 @@ def find_doubts(corpus: Corpus) -> list[str]:
     ]
 
 
+def doubt_spellings(corpus: Corpus) -> list[str]:
+    """Subjects and gestures that may be one, spelt differently; joined corpora each for itself."""
+    captures, lines = corpus.captures.astype(str), []
+    origin = captures["corpus"] if corpus.info.get("format") == "joined" else [""] * len(captures)
+    for _, part in captures.groupby(origin):
+        for column in ("subject", "gesture"):
+            lines += spelling_doubts(column, part[column].value_counts().to_dict())
+    return list(dict.fromkeys(lines))
+
+
 def _doubt_labels(corpus: Corpus) -> Iterator[str]:
-    for column in ("subject", "gesture"):
-        counts = corpus.captures[column].astype(str).value_counts()
-        words = counts.index.to_series().sort_values()
-        spellings = words.groupby(["".join(word.casefold().split()) for word in words]).agg(list)
-        for word, other, *_ in spellings[spellings.str.len() > 1]:
-            yield (
-                f"{column} {word!r} and {other!r} differ by case or blanks alone; "
-                "if they are one, correct the file"
-            )
+    """Names that may be misspelt."""
+    yield from doubt_spellings(corpus)
+    counts = corpus.captures["gesture"].astype(str).value_counts()
     for rare in counts.index[RARE * counts <= counts.median()]:
-        others = [word for word in counts.index if word.casefold() != rare.casefold()]
+        others = [word for word in counts.index if not may_be_same(word, rare)]
         for usual in get_close_matches(rare, others, n=1, cutoff=SIMILAR):
             yield (
                 f"gesture {rare!r} has {counts[rare]} of {len(corpus)} captures; "

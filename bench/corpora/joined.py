@@ -15,6 +15,7 @@ import pandas as pd
 
 from bench.corpora.corpus import Corpus
 from bench.corpora.duplicates import describe_capture, shared_captures
+from bench.corpora.spellings import unify_spellings
 from bench.errors import InputError
 
 STUDIES = ("cost", "cuddlebot", "haart")  # two corpora of one of these formats are the same people
@@ -119,12 +120,15 @@ def join_corpora(corpora: Sequence[Corpus]) -> Corpus:
     the first. The column ``corpus`` says where a capture comes from; subjects are named after
     their corpus: ``haart 1``. Conditions that some corpora lack are left out, and so is ``split``.
 
+    Gestures that differ only in spelling are one, under the name of the first corpus that has it.
+
     Raises:
         InputError: two corpora have the same recordings, or fewer than two classes are in all.
     """
     name = "+".join(corpus.name for corpus in corpora)
     for one, other in combinations(corpora, 2):
         refuse_same_recordings(one, other, f"data={name}")
+    corpora, renamed = unify_gestures(corpora)
     classes = sorted(set.intersection(*(set(corpus.gestures) for corpus in corpora)))
     if len(classes) < 2:
         lists = "; ".join(f"{corpus.name}: {class_names(corpus)}" for corpus in corpora)
@@ -140,7 +144,22 @@ def join_corpora(corpora: Sequence[Corpus]) -> Corpus:
     frames, fields = convert_to_common(parts)
     origins = [origin for part in parts for origin in _list_origins(part)]
     info = joint_info(parts) | {"format": "joined", "parts": origins}
+    info["warnings"] = [*renamed, *info["warnings"]]
     return Corpus.from_captures(frames, captures, name=name, info=info, **fields)
+
+
+def unify_gestures(corpora: Sequence[Corpus]) -> tuple[list[Corpus], list[str]]:
+    """The corpora with gestures as the first of them spells them, and a sentence on each change."""
+    unified, sentences = [], []
+    changes = unify_spellings([set(corpus.captures["gesture"].astype(str)) for corpus in corpora])
+    for corpus, spellings in zip(corpora, changes, strict=True):
+        gestures = corpus.captures["gesture"].astype(str)
+        for name, other in spellings.items():
+            count = int((gestures == name).sum())
+            sentences.append(f"gesture {name!r} of {corpus.name} ({count}x) is read as {other!r}")
+        captures = corpus.captures.assign(gesture=gestures.replace(spellings))
+        unified.append(corpus.with_fields(captures=captures) if spellings else corpus)
+    return unified, sentences
 
 
 def convert_to_common(parts: Sequence[Corpus]) -> tuple[list[np.ndarray], dict[str, float]]:

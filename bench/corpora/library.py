@@ -126,7 +126,7 @@ def _store(corpus: Corpus) -> Corpus:
 
 
 def _unwritable_error(folder: Path, error: OSError) -> InputError:
-    reason = one_line(error.strerror or error)
+    reason = one_line(error.strerror or f"no space is left: {error}")  # of numpy's files
     advice = "set TOUCHBENCH_HOME to a folder that can"
     return InputError(f"{one_line(folder, 150)} cannot be written ({reason}); {advice}")
 
@@ -191,6 +191,15 @@ def _imported_folder(name: str) -> Path:
     return folder / digest
 
 
+def import_digests(data: str) -> str:
+    """Digests of imported corpora, joined by +, as they are now; "" unless all are imported."""
+    files = [data_folder() / "corpora" / name / "current" for name in data.split("+")]
+    try:
+        return "+".join(file.read_text(errors="replace").strip() for file in files)
+    except (OSError, ValueError):
+        return ""
+
+
 def find_corpus_damage(name: str) -> dict[str, str]:
     """Read all files of an imported corpus, or of all generated ones.
 
@@ -240,7 +249,7 @@ def make_once(
 
 def _open_joined(name: str) -> Corpus:
     """Several corpora as one."""
-    from bench.corpora import joined
+    from bench.corpora import joined, spellings
 
     names = name.split("+")
     if len(set(names)) < len(names) or {"", "synth"} & {*names}:
@@ -251,7 +260,7 @@ def _open_joined(name: str) -> Corpus:
             reason = f"{corpus.name} has captures without a gesture; give it alone"
             raise InputError(f"data={name[:100]}: {reason}")
     identities = [[corpus.digest, corpus.name] for corpus in corpora]
-    return make_once(".joined", identities, lambda: joined.join_corpora(corpora), joined)
+    return make_once(".joined", identities, lambda: joined.join_corpora(corpora), joined, spellings)
 
 
 def first_warnings(warnings: list[str], command: str) -> str:

@@ -51,7 +51,8 @@ def renamed(column, name, other, takes=1, people=("anna", "ben")):
         (USUAL, {"levels": lambda v: v // 4}, "give full_scale=255"),
         (USUAL, {"levels": lambda v: v // 4 * 4}, "multiples of 4"),
         (USUAL, {"levels": lambda v: 1023 - v}, "pressed at rest"),
-        (USUAL, {"change": renamed("gesture", "tap", "Tap ")}, "'Tap' and 'tap'"),
+        (USUAL, {"change": renamed("gesture", "tap", "Tap ")}, "'Tap' (2x) and 'tap' (18x)"),
+        (USUAL, {"change": renamed("subject", "anna", "[Anna]")}, "'[Anna]' (2x) and 'anna' (8x)"),
         (USUAL, {"change": renamed("gesture", "hold", "holt", 1, ["anna"])}, "if it is 'hold'"),
     ],
 )

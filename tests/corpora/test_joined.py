@@ -78,3 +78,11 @@ def test_the_same_people_are_not_joined():
         join_corpora([one, study("three", classes=("pat", "hug"))])
     with pytest.raises(InputError, match="have the same captures: 4"):
         join_corpora([one, one.with_fields(name="four")])
+
+
+def test_gestures_spelt_differently_are_joined_under_the_first_spelling_with_a_word():
+    one = study("one", classes=("pat", "double tap"))
+    other = study("two", classes=("Pat", "double-tap"))
+    joint = join_corpora([one, other])
+    assert set(joint.gestures) == {"pat", "double tap"} and len(joint) == len(one) + len(other)
+    assert "gesture 'Pat' of two (2x) is read as 'pat'" in joint.info["warnings"]

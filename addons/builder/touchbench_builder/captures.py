@@ -8,7 +8,7 @@ import pandas as pd
 
 import bench
 from bench.corpora.corpus import Corpus
-from bench.corpora.doubts import find_doubts
+from bench.corpora.doubts import doubt_spellings, find_doubts
 from bench.corpora.survey import Survey
 from bench.errors import InputError
 from touchbench_streams.recent import find_saturated
@@ -31,7 +31,7 @@ def load_corpus(arguments: Mapping[str, str]) -> Corpus:
 def load_training_captures(on: Mapping[str, str]) -> Corpus:
     """Load the captures to learn from; raise an InputError if they cannot teach a recogniser."""
     corpus = load_corpus(on)
-    problems = [doubt for doubt in find_doubts(corpus) if "differ by case" in doubt]
+    problems = doubt_spellings(corpus)
     if (people := len(set(corpus.subjects))) < 2:
         problems.append(
             f"{people} subject; record two at least, as each is left out of training in turn"

@@ -10,6 +10,8 @@ import pandas as pd
 from scipy.special import bdtrc
 
 from bench.corpora.corpus import Corpus
+from bench.corpora.doubts import doubt_spellings
+from bench.corpora.spellings import known_spelling
 from bench.errors import InputError
 from bench.ground.digests import read_json_with_digest
 from bench.values import few
@@ -96,10 +98,17 @@ def _check_captures(corpus: Corpus, facts: Mapping[str, Any]) -> None:
                 "sensor"
             )
     if others := sorted({*corpus.gestures.astype(str)} - {*data["gestures"]}):
+        spelling = known_spelling(others[0], data["gestures"])
+        advice = f"correct it to {spelling}, or " if spelling else ""
         raise InputError(
-            f"data={corpus.name}: the C does not know {others[0]}; leave it out with where="
+            f"data={corpus.name}: the C does not know {others[0]}; "
+            f"{advice}leave it out with where="
         )
-    same = sorted({*corpus.subjects.astype(str)} & {*data["subjects"]})
+    if problems := doubt_spellings(corpus):
+        raise InputError(f"data={corpus.name}: {problems[0]}")
+    people = sorted({*corpus.subjects.astype(str)})
+    known = data["subjects"]
+    same = [name for name in people if name in known or known_spelling(name, known)]
     if corpus.name == data["corpus"] and same:
         raise InputError(
             f"data={corpus.name}: subject {same[0]} was recorded for the build; give people who "

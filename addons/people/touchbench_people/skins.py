@@ -7,6 +7,7 @@ import pandas as pd
 
 from bench.corpora import joined
 from bench.corpora.corpus import Corpus
+from bench.corpora.spellings import unify_spellings
 from bench.errors import InputError
 
 TARGET_SKIN, SOURCE_SKIN = "own", "source"  # values of the column ``skin``
@@ -16,7 +17,8 @@ def join_skins(target: Corpus, source: Corpus, names: dict[str, str]) -> Corpus:
     """Join the captures of two skins, of the classes that both have.
 
     Both are converted to the lower rate and, for rows and columns, to the fewer taxels; the full
-    scale is that of the target. Frames that need no conversion do not change.
+    scale is that of the target. Frames that need no conversion do not change. Classes that differ
+    only in spelling are one.
 
     Args:
         target: captures to test.
@@ -40,6 +42,8 @@ def join_skins(target: Corpus, source: Corpus, names: dict[str, str]) -> Corpus:
                 )
     joined.refuse_same_recordings(target, source, "protocol=transfer")
     renamed = np.array([names.get(name, name) for name in source.gestures], dtype=object)
+    _, spellings = unify_spellings([set(target.gestures), set(renamed)])
+    renamed = np.array([spellings.get(name, name) for name in renamed], dtype=object)
     classes = sorted(set(target.gestures) & set(renamed))
     if len(classes) < 2:
         raise InputError(
@@ -57,6 +61,10 @@ def join_skins(target: Corpus, source: Corpus, names: dict[str, str]) -> Corpus:
     frames, fields = joined.convert_to_common((target, source))
     info = joined.joint_info((target, source))
     info |= {"format": "transfer", "source_name": source.name}
+    info["warnings"] = [
+        *(f"class {name!r} of {source.name} is read as {new!r}" for name, new in spellings.items()),
+        *info["warnings"],
+    ]
     return Corpus.from_captures(
         frames, captures.astype("str"), name=target.name, info=info, **fields
     )

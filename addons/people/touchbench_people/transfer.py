@@ -7,6 +7,7 @@ from itertools import chain
 
 import numpy as np
 
+from bench.corpora import spellings
 from bench.corpora.corpus import Corpus
 from bench.corpora.library import make_once, open_corpus
 from bench.errors import InputError
@@ -75,7 +76,8 @@ class Transfer(Personal):
         for each in (corpus, source):
             key += [each.digest, each.name, each.index.tolist()]
         key.append(sorted(names.items()))
-        return make_once(".transfer", key, lambda: skins.join_skins(corpus, source, names), skins)
+        code = (skins, spellings)
+        return make_once(".transfer", key, lambda: skins.join_skins(corpus, source, names), *code)
 
     def _class_names(self) -> dict[str, str]:
         pairs = [pair.partition(":") for pair in self.classes.split("+") if pair]
