@@ -12,7 +12,7 @@ from typing import Any
 from bench.errors import ClusterError, HiddenError, InputError, StoreError, suggest_names
 from bench.grammar.options import key_options, parse_arguments, part_groups
 from bench.ground.registry import import_object, load_part, registered_parts
-from bench.ground.scratch import use_scratch_folder
+from bench.ground.scratch import use_scratch_folder, why_data_folder_failed
 from bench.ground.typed import expand_home
 
 LONGEST_LINE = 300  # characters of a message
@@ -97,8 +97,11 @@ def _exit_code_and_message(error: Exception) -> tuple[int, str]:
     if error.errno == errno.ENAMETOOLONG:
         return 2, f"{error.filename}: the name is too long; choose a shorter one"
     if error.errno not in DISK_FULL:
+        if message := why_data_folder_failed(error):
+            return 2, message
         raise error
-    place = f" ({error.filename})" if error.filename else ""
+    path = error.filename2 or error.filename  # of a copy, the one that is written
+    place = f" ({path})" if path else ""
     return 1, f"no space is left{place}; free some and repeat the command, which continues"
 
 

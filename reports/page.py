@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -15,9 +14,10 @@ from bench.errors import InputError, suggest_names
 from bench.grammar.options import run_commands
 from bench.ground.progress import warn
 from bench.ground.registry import import_object, load_part, load_views, registered_parts
-from bench.ground.scratch import owner_prefix, remove_leftovers
+from bench.ground.scratch import hold_path, remove_leftovers
 from bench.ground.typed import format_command
 from bench.reading.candidates import repeated_arguments
+from bench.reading.captures import stale_sentences
 from bench.reading.frame import group_results
 from bench.reading.runs import load_clean_runs, load_results, results_on_captures, select_or_fail
 from bench.reports import history, ledger, over_corpora
@@ -88,15 +88,16 @@ def write_report(
     revisions = load_clean_runs(store, selection) if with_history else []
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        remove_leftovers(folder, ".")
-        with tempfile.TemporaryDirectory(prefix=f".{owner_prefix()}", dir=folder) as scratch:
-            report = Report(results, Path(scratch), budgets or {}, against, revisions)
+        remove_leftovers(folder)
+        with hold_path(folder) as scratch:
+            scratch.mkdir()
+            report = Report(results, scratch, budgets or {}, against, revisions)
             if with_history and not report.histories:
                 warn("warning: history=yes: no system has complete runs of several revisions")
             written = report.write(paper_columns)
             (folder / "figures").mkdir(exist_ok=True)
             for name in written:
-                os.replace(Path(scratch) / name, folder / name)
+                os.replace(scratch / name, folder / name)
         for figure in (folder / "figures").glob("[0-9]*-*.[ps][nv]g"):
             if figure.relative_to(folder) not in written:  # of an earlier report
                 figure.unlink()
@@ -264,6 +265,7 @@ def describe_runs(report: Report) -> dict[str, Any]:
         "counts": f"{format_count(runs, 'run')} of {format_count(systems, 'system')}",
         "synthetic": any(r["synthetic"] == "true" for r in report.results),
         "failed": sorted({r.system for r in report.runs if r["folds_failed"] > 0}),
+        "stale": stale_sentences(report.results),
         "on_batch": sorted({r.system for r in report.runs if not r.predicts_alone}),
         "batch_note": BATCH_NOTE,
         "omitted": join_names([f"“{name}”" for name in report.omitted_groups]),

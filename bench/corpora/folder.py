@@ -14,7 +14,6 @@ import copyreg
 import hashlib
 import json
 import os
-import tempfile
 from contextlib import suppress
 from pathlib import Path
 
@@ -23,7 +22,7 @@ import pandas as pd
 
 from bench.corpora.corpus import Corpus, unblind
 from bench.errors import InputError, one_line
-from bench.ground.scratch import data_folder, owner_prefix
+from bench.ground.scratch import data_folder, hold_path
 
 FILES = ("frames.npy", "lengths.npy", "captures.parquet")
 FIELDS = ("name", "digest", "rate_hz", "full_scale", "info")  # in corpus.json
@@ -57,11 +56,9 @@ def write_folder(corpus: Corpus, folder: Path, digest: str = "") -> None:
     folder.parent.mkdir(parents=True, exist_ok=True)
     if _is_stored(folder, digest):
         return
-    with tempfile.TemporaryDirectory(
-        prefix=f".{owner_prefix()}", dir=folder.parent, ignore_cleanup_errors=True
-    ) as scratch:
-        new = Path(scratch) / "new"
-        new.mkdir()
+    with hold_path(folder.parent) as scratch:
+        new = scratch / "new"
+        new.mkdir(parents=True)
         np.save(new / "frames.npy", np.ascontiguousarray(corpus.frames))
         np.save(new / "lengths.npy", np.asarray(corpus.lengths, dtype=np.int64))
         corpus.captures.to_parquet(new / "captures.parquet", index=False)
@@ -74,7 +71,7 @@ def write_folder(corpus: Corpus, folder: Path, digest: str = "") -> None:
         _write_seal(new, files["frames.npy"][1])
         try:
             if os.path.lexists(folder) and not _is_stored(folder, digest):
-                folder.rename(Path(scratch) / "old")
+                folder.rename(scratch / "old")
             if not os.path.lexists(folder):
                 new.rename(folder)
         except OSError:

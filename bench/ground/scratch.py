@@ -1,7 +1,7 @@
 """The user's data folder, and files that a killed command cannot leave half-written.
 
-Temporary files have the number of their process in their names; later commands remove those of dead
-processes.
+A temporary file or folder has a lock beside it while it is used; later commands remove those whose
+lock is free.
 """
 
 from __future__ import annotations
@@ -9,13 +9,20 @@ from __future__ import annotations
 import os
 import re
 import shutil
-import socket
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+import uuid
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from bench.errors import InputError
+
+if TYPE_CHECKING:
+    from filelock import BaseFileLock
+
+MARK = "touchbench-"  # in the names of temporary files, before the number of their process
+LOCK = ".lock"  # end of the name of their locks
 
 
 def data_folder() -> Path:
@@ -27,6 +34,17 @@ def data_folder() -> Path:
     return user_data_path("touchbench")
 
 
+def why_data_folder_failed(error: OSError) -> str:
+    """Say what is wrong with the data folder; "" for an error that names another place."""
+    place, folder = str(error.filename2 or error.filename or ""), data_folder()
+    if not Path(place).absolute().is_relative_to(folder.absolute()):
+        return ""
+    return (
+        f"the data folder {folder} cannot be used ({error.strerror or error}: {place}); mend it, "
+        "or set TOUCHBENCH_HOME to another folder, and repeat the command"
+    )
+
+
 @contextmanager
 def use_scratch_folder() -> Iterator[None]:
     """Make ``tempfile`` use a folder of this process, which is removed at the end.
@@ -34,22 +52,79 @@ def use_scratch_folder() -> Iterator[None]:
     Also removes what dead processes left. If the data folder cannot be written, temporary files lie
     in their usual place.
     """
-    folder, before, mine = data_folder() / "tmp", tempfile.tempdir, None
-    with suppress(OSError):  # a command that needs the folder reports it
-        folder.mkdir(parents=True, exist_ok=True)
-        remove_leftovers(folder)
-        corpora = data_folder() / "corpora"
-        for parent in (data_folder(), data_folder() / "features", corpora, *corpora.glob("*")):
-            remove_leftovers(parent, ".")  # of `write_then_rename`
-        # Linux keeps the semaphores of workers whose whole group was killed.
-        _remove_dead(Path("/dev/shm"), r"sem\.loky-(\d{1,9})-.*")
-        mine = tempfile.tempdir = tempfile.mkdtemp(prefix=owner_prefix(), dir=folder)
-    try:
-        yield
-    finally:
-        tempfile.tempdir = before
-        if mine:
-            shutil.rmtree(mine, ignore_errors=True)
+    folder, before = data_folder() / "tmp", tempfile.tempdir
+    with ExitStack() as stack:
+        with suppress(OSError):  # a command that needs the folder reports it
+            folder.mkdir(parents=True, exist_ok=True)
+            _remove_semaphores(remove_leftovers(folder, "*"), folder)
+            corpora = data_folder() / "corpora"
+            for parent in (data_folder(), data_folder() / "features", corpora, *corpora.glob("*")):
+                remove_leftovers(parent)
+            mine = stack.enter_context(hold_path(folder, ""))
+            mine.mkdir()
+            tempfile.tempdir = str(mine)
+        try:
+            yield
+        finally:
+            tempfile.tempdir = before
+
+
+@contextmanager
+def hold_path(folder: Path, prefix: str = ".", suffix: str = "") -> Iterator[Path]:
+    """Yield a new path for a file or folder, which is removed at the end, with a lock beside it.
+
+    The lock is held meanwhile. It tells any process that can see the path, from whatever container
+    or machine, whether the path is in use; numbers of processes and names of hosts do not.
+    """
+    path = folder / f"{prefix}{MARK}{os.getpid()}-{uuid.uuid4().hex[:12]}{suffix}"
+    with _lock_beside(path):
+        try:
+            yield path
+        finally:
+            _remove_with_lock(path)
+
+
+def remove_leftovers(folder: Path, names: str = f".{MARK}*") -> list[str]:
+    """Remove what dead processes left in a folder: `hold_path` made it, and its lock is free.
+
+    Returns:
+        Names of what was removed.
+    """
+    removed = []
+    for name in sorted({path.name.removesuffix(LOCK) for path in folder.glob(names)}):
+        with suppress(OSError), _lock_beside(folder / name, timeout=0):
+            _remove_with_lock(folder / name)
+            removed.append(name)
+    return removed
+
+
+def _lock_beside(path: Path, timeout: float = -1) -> BaseFileLock:
+    from filelock import FileLock  # only commands need it, as `bench --help` must be fast
+
+    return FileLock(f"{path}{LOCK}", timeout)
+
+
+def _remove_with_lock(path: Path) -> None:
+    """Remove a path that a lock of this process protects, and then the lock's file."""
+    with suppress(OSError):  # removed already, or of another user
+        if os.path.lexists(path):
+            remove_path(path)
+        os.unlink(f"{path}{LOCK}")
+
+
+def _remove_semaphores(removed: Iterable[str], folder: Path) -> None:
+    """Remove the semaphores of processes whose scratch folders were removed.
+
+    Linux keeps those of workers whose whole group was killed. They go by the number of the process,
+    which another one may have, here or in a container.
+    """
+    for name in removed:
+        process = re.fullmatch(rf"{MARK}(\d+)-.*", name)
+        if not process or _is_alive(int(process[1])) or [*folder.glob(f"{MARK}{process[1]}-*")]:
+            continue
+        for path in Path("/dev/shm").glob(f"sem.loky-{process[1]}-*"):
+            with suppress(OSError):
+                path.unlink()
 
 
 @contextmanager
@@ -62,13 +137,14 @@ def write_then_rename(path: Path) -> Iterator[Path]:
         yield path
         return
     path = path.resolve()
-    remove_leftovers(path.parent, ".")
-    beside = path.with_name(f".{owner_prefix()}part{path.suffix}")
-    try:
-        yield beside
+    remove_leftovers(path.parent)
+    with hold_path(path.parent, suffix=path.suffix) as beside:
+        try:
+            yield beside
+        except OSError as e:
+            e.filename = e.filename or str(path)  # that of a full disk names no file
+            raise
         os.replace(beside, path)
-    finally:
-        beside.unlink(missing_ok=True)
 
 
 def check_empty_folder(out: Path) -> Path:
@@ -84,32 +160,15 @@ def fill_then_rename(out: Path) -> Iterator[Path]:
     out = out.absolute()
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
-        remove_leftovers(out.parent, f".{out.name}.")
-        beside = out.with_name(f".{out.name}.{owner_prefix()}new")
-        yield beside
-        beside.rename(out)
+        remove_leftovers(out.parent)
+        with hold_path(out.parent) as beside:
+            beside.mkdir()
+            yield beside
+            beside.rename(out)
     except OSError as e:
         raise InputError(
             f"out={out}: cannot be written ({e.strerror or e}); choose another folder"
         ) from e
-
-
-def owner_prefix() -> str:
-    """First part of the names of this process's files, in folders that machines may share."""
-    return f"{socket.gethostname()}-{os.getpid()}-"
-
-
-def remove_leftovers(folder: Path, prefix: str = "") -> None:
-    """Remove files that dead processes of this machine left: ``prefix``, then `owner_prefix`."""
-    _remove_dead(folder, rf"{re.escape(prefix + socket.gethostname())}-(\d{{1,9}})-[^-]*")
-
-
-def _remove_dead(folder: Path, pattern: str) -> None:
-    """Remove entries whose name matches; the group of the pattern is the number of a process."""
-    for path in folder.glob("*"):
-        if (process := re.fullmatch(pattern, path.name)) and not _is_alive(int(process[1])):
-            with suppress(OSError):  # removed already, or of another user
-                remove_path(path)
 
 
 def remove_path(path: Path) -> None:

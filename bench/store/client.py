@@ -21,7 +21,7 @@ from urllib.parse import quote, unquote, urlparse
 from bench.errors import InputError, StoreError
 from bench.ground.progress import warn
 from bench.ground.registry import PART_GROUPS
-from bench.ground.scratch import remove_leftovers
+from bench.ground.scratch import remove_leftovers, why_data_folder_failed
 from bench.store.database import (
     BESIDE,
     check_writable,
@@ -62,9 +62,11 @@ def report_store_errors() -> Iterator[None]:
 
         if not isinstance(e, (MlflowException, RequestException, SQLAlchemyError, OSError)):
             raise
+        if isinstance(e, OSError) and why_data_folder_failed(e):
+            raise
         path = sqlite_file(store_uri())
         if path and (reason := why_sqlite_failed(e, path)):
-            raise StoreError(reason) from e
+            raise StoreError(f"{reason}; stored results are kept") from e
         raise StoreError(
             f"the MLflow store {_printed_address()} failed: {_first_line(e)}; "
             "stored results are kept; repeat the command when the store works again"
@@ -72,7 +74,10 @@ def report_store_errors() -> Iterator[None]:
 
 
 def _first_line(error: BaseException) -> str:
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    text = str(error)
+    if isinstance(error, OSError) and error.filename2:  # of a copy, the one that is written
+        text = f"{error.strerror}: {error.filename2}"
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
     lines = [line for line in lines if "Query-invoked autoflush" not in line]
     line = _mask_password((lines or [type(error).__name__])[0])
     # MLflow cites other errors at the end.
@@ -235,7 +240,7 @@ class Store:
         tags: Mapping[str, str] | None = None,
         step: int = 0,
     ) -> None:
-        """Store metrics, parameters and tags of a run."""
+        """Store metrics, parameters and tags of a run; a metric has its value at the last step."""
         from mlflow.entities import Metric, Param, RunTag
 
         now = int(time.time() * 1000)
@@ -245,6 +250,12 @@ class Store:
             [Param(key, str(value)) for key, value in (params or {}).items()],
             [RunTag(key, value) for key, value in (tags or {}).items()],
         )
+
+    @report_store_errors()
+    def next_step(self, run_id: str, metric: str) -> int:
+        """The step after all of a metric: of equal steps, MLflow would take the latest time."""
+        history = self.client.get_metric_history(run_id, metric)
+        return 1 + max((entry.step for entry in history), default=-1)
 
     @report_store_errors()
     def log_artifact(self, artifacts: str, path: Path, subfolder: str = "") -> None:
@@ -277,6 +288,21 @@ class Store:
     def delete_run(self, run_id: str) -> None:
         """Delete a run, as MLflow does: it can be restored."""
         self.client.delete_run(run_id)
+
+
+@contextmanager
+def use_tracking_uri() -> Iterator[None]:
+    """Let MLflow's own functions use the store, and undo what they set in the environment."""
+    import mlflow
+
+    before = os.environ.get("MLFLOW_TRACKING_URI")
+    mlflow.set_tracking_uri(store_uri())
+    try:
+        yield
+    finally:
+        mlflow.set_tracking_uri(None)  # type: ignore[arg-type]
+        if before is not None:
+            os.environ["MLFLOW_TRACKING_URI"] = before
 
 
 def run_attributes(
@@ -341,13 +367,12 @@ def connect(writes: bool = False) -> Store:
     # Several processes that create the tables at the same moment break the file for good.
     lock = path.with_name(path.name + ".lock") if path else lock_folder() / "tracking.lock"
     is_ready = path is not None and not writes and has_experiment(path, EXPERIMENT)
-    mode = path.stat().st_mode & 0o666 if path and path.exists() else 0o644
-    with nullcontext() if is_read_only or is_ready else lock_file(lock, mode=mode):
+    with nullcontext() if is_read_only or is_ready else lock_file(lock):
         # `report_store_errors` reports failures.
         logging.getLogger("mlflow.store.db").setLevel(logging.CRITICAL)
         try:
             if path is not None and not (is_read_only or is_ready):
-                remove_leftovers(path.parent, f".{path.name}.")
+                remove_leftovers(path.parent)
                 if not path.exists() or not path.stat().st_size:
                     create_database(path)
                 upgrade_database(path)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import sqlite3
 import subprocess
 import sys
@@ -19,8 +18,9 @@ from urllib.parse import quote, unquote
 from filelock import FileLock, Timeout
 
 from bench.errors import InputError
+from bench.ground.digests import DamagedFile, append_digest, split_digest
 from bench.ground.progress import warn
-from bench.ground.scratch import data_folder, owner_prefix, write_then_rename
+from bench.ground.scratch import data_folder, hold_path, write_then_rename
 
 if TYPE_CHECKING:
     from mlflow.store.tracking.sqlalchemy_store import SqlAlchemyStore
@@ -73,17 +73,16 @@ def create_database(path: Path) -> None:
     MLflow needs seconds to create its tables, so an empty file is kept in the data folder.
     """
     empty = data_folder() / f"mlflow-{version('mlflow')}.db"
-    with tempfile.TemporaryDirectory(
-        prefix=f".{path.name}.{owner_prefix()}", dir=path.parent
-    ) as folder:
-        new = Path(folder) / path.name
-        if empty.is_file():
-            shutil.copyfile(empty, new)
-        else:
+    with hold_path(path.parent) as folder:
+        folder.mkdir()
+        new = folder / path.name
+        try:
+            new.write_bytes(split_digest(empty.read_bytes()))
+        except (OSError, DamagedFile):
             with open_database(new):
                 pass
             with suppress(OSError), write_then_rename(empty) as copy:  # unless it cannot be written
-                shutil.copyfile(new, copy)
+                copy.write_bytes(append_digest(new.read_bytes()))
         new.replace(path)
 
 
@@ -105,7 +104,7 @@ def query_database(path: Path) -> Iterator[sqlite3.Connection]:
         InputError: it is damaged, or another program holds it.
     """
     try:
-        with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as file:
+        with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=rw", uri=True)) as file:
             yield file
     except sqlite3.Error as e:
         raise InputError(why_sqlite_failed(e, path) or f"{path} cannot be read: {e}") from e
@@ -187,14 +186,14 @@ class RunLocked(InputError):
 
 
 @contextmanager
-def lock_file(path: Path, timeout: float = -1, mode: int = 0o644) -> Iterator[None]:
-    """Hold a lock file, which is created if missing with the permissions ``mode``.
+def lock_file(path: Path, timeout: float = -1) -> Iterator[None]:
+    """Hold a lock file, which is created if missing.
 
     Raises:
         InputError: it cannot be written, such as that of another user.
         Timeout: another process holds it for longer than ``timeout`` seconds.
     """
-    lock = FileLock(path, timeout, mode)
+    lock = FileLock(path, timeout)
     try:
         lock.acquire()
     except OSError as e:

@@ -17,6 +17,8 @@ import numpy as np
 from filelock import FileLock
 
 from bench.corpora.corpus import Corpus
+from bench.ground.digests import DamagedFile, append_digest, split_digest
+from bench.ground.progress import warn
 from bench.ground.scratch import data_folder, write_then_rename
 from bench.ground.source import package_versions, source_digest
 from bench.models.space import Range, Space, Trial, make_distribution, suggest_value
@@ -116,7 +118,12 @@ class Study:
                 spent = sum(trial.seconds for trial in self.finished)
                 if len(self.finished) >= self.max_trials or spent >= self.max_seconds:
                     break
-                self._add_finished(pickle.loads(file.read_bytes()))
+                try:
+                    content = split_digest(file.read_bytes())
+                except DamagedFile:
+                    warn(f"warning: {file} is damaged; its trial and later ones are repeated")
+                    break
+                self._add_finished(pickle.loads(content))
                 self.started -= self.finished[-1].seconds
             while len(self.finished) < self.max_trials:
                 started = time.perf_counter()
@@ -125,8 +132,7 @@ class Study:
                 trial.seconds = time.perf_counter() - started
                 self._add_finished(trial)
                 if folder:
-                    with write_then_rename(folder / f"{len(self.finished):06}.pickle") as path:
-                        path.write_bytes(pickle.dumps(trial))
+                    folder = _store_trial(trial, folder / f"{len(self.finished):06}.pickle")
 
     def draw_trial(self, fixed: Trial, *numbers: int, each: bool = False) -> Trial:
         """The sampler's suggestion after the finished trials.
@@ -187,6 +193,16 @@ class Study:
             intermediate_values=dict(enumerate(trial.subjects.values())),
         )
         self._optuna.add_trial(record)
+
+
+def _store_trial(trial: FinishedTrial, path: Path) -> Path | None:
+    """Store a trial; return its folder, or None if no later one can follow it there."""
+    try:
+        with write_then_rename(path) as beside:
+            beside.write_bytes(append_digest(pickle.dumps(trial)))
+    except OSError:  # a full disk only costs time
+        return None
+    return path.parent
 
 
 @contextmanager

@@ -112,7 +112,6 @@ def test_a_fit_that_is_cut_off_can_be_repeated(monkeypatch):
     """While the folder is written, and before its numbers are stored."""
 
     def half(path, _):
-        Path(path).mkdir()
         (Path(path) / "input_example.json").write_text("{}")
         raise Killed
 
@@ -120,7 +119,6 @@ def test_a_fit_that_is_cut_off_can_be_repeated(monkeypatch):
     with monkeypatch.context() as patched:
         patched.setattr(saved, "log_model", lambda _: None)
         patched.setattr(saved, "save_model", half)
-        patched.setattr("bench.ground.scratch.owner_prefix", lambda: "nowhere-0-")
         with pytest.raises(Killed):
             fit()
     assert not Path("saved").exists()

@@ -76,7 +76,6 @@ def write_build(out: Path, recogniser: Recogniser, facts: dict[str, Any], corpus
         _write_texts(folder, {CERTIFICATE: certificate, "README.md": render_page(facts)})
         _run_own_test(folder)
         with fill_then_rename(out) as complete:
-            complete.mkdir()
             for path in folder.iterdir():
                 shutil.copyfile(path, complete / path.name)
             if out.exists():
