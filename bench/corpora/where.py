@@ -14,7 +14,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from pandas.api.types import is_numeric_dtype
 
+from bench.corpora.spellings import known_spelling
 from bench.errors import InputError, shorten
 
 ALLOWED = (
@@ -51,6 +53,8 @@ def where_mask(where: str, captures: pd.DataFrame, name: str) -> np.ndarray:
     except KeyError as e:
         columns = ", ".join(map(str, captures))
         reason = f"no column {str(e.args[0])[:40]!r}; the columns of {name[:40]} are {columns}"
+    except InputError as e:
+        reason = str(e)
     except Exception as e:  # pandas raises a dozen types where values do not fit together
         reason = f"cannot be computed ({' '.join(str(e).split()) or type(e).__name__})"
     else:
@@ -108,7 +112,9 @@ def _mask(node: ast.expr, table: pd.DataFrame) -> pd.Series:
             args=values,
             keywords=[],
         ):
-            return getattr(table[name], method)(*map(_evaluate_literal, values))
+            literals = [_evaluate_literal(value) for value in values]
+            _check_values(table[name], literals, method == "isin")
+            return getattr(table[name], method)(*literals)
         case ast.Call(
             func=ast.Attribute(
                 value=ast.Attribute(value=ast.Name(id=name), attr="str"), attr=method
@@ -126,16 +132,39 @@ def _compare(left: ast.expr, operator: ast.cmpop, right: ast.expr, table: pd.Dat
         table[side.id] if isinstance(side, ast.Name) else _evaluate_literal(side)
         for side in (left, right)
     )
+    equality = isinstance(operator, ast.Eq | ast.NotEq | ast.In | ast.NotIn)
+    for column, value in ((one, other), (other, one)):
+        if isinstance(column, pd.Series):
+            _check_values(column, value, equality)
     if isinstance(operator, ast.In | ast.NotIn) and not isinstance(other, list | tuple):
         raise SyntaxError(f"{ast.unparse(right)[:36]!r} is not a list such as ['1', '2']")
     if isinstance(one, list | tuple):
         one, other = other, one
-    in_list = isinstance(operator, ast.Eq | ast.NotEq | ast.In | ast.NotIn)
-    if isinstance(other, list | tuple) and in_list:
+    if isinstance(other, list | tuple) and equality:
         return one.isin(other) ^ isinstance(operator, ast.NotEq | ast.NotIn)
     if type(operator) not in COMPARISONS:
         raise SyntaxError("'is' cannot be used")
     return COMPARISONS[type(operator)](one, other)
+
+
+def _check_values(column: pd.Series, value: Any, equality: bool) -> None:
+    """Refuse another type than the column's and, for equality, another spelling of its values."""
+    if isinstance(value, pd.Series):
+        if is_numeric_dtype(column) != is_numeric_dtype(value):
+            raise InputError(f"{column.name} and {value.name}: one holds text, the other numbers")
+    elif isinstance(value, list | tuple):
+        for each in value:
+            _check_values(column, each, equality)
+    elif is_numeric_dtype(column):
+        if isinstance(value, str):
+            number = value if re.fullmatch(r"-?\d+(\.\d+)?", value) else "a number"
+            raise InputError(f"{column.name} holds numbers; write {number}")
+    else:
+        spelling = known_spelling(str(value), {*column.dropna().astype(str)})
+        if not isinstance(value, str):
+            raise InputError(f"{column.name} holds text; write {spelling or str(value)!r}")
+        if equality and spelling is not None:
+            raise InputError(f"{column.name} has no {value!r}; write {spelling!r}")
 
 
 def _evaluate_literal(node: ast.expr) -> Any:

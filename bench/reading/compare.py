@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +11,7 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from bench.corpora.read.limits import check_columns, file_name
+from bench.corpora.read.limits import check_columns, file_name, first_names
 from bench.corpora.read.rows import (
     CsvTable,
     Table,
@@ -18,8 +19,10 @@ from bench.corpora.read.rows import (
     table_from_parquet,
     text_categories,
 )
+from bench.corpora.spellings import known_spelling, spelling_doubts
 from bench.errors import InputError, one_line
 from bench.reading import statistics
+from bench.reading.captures import stale_sentences
 from bench.reading.frame import group_results, name_rows
 from bench.reading.runs import results_on_captures
 from bench.values import few, scores
@@ -150,6 +153,10 @@ def compare_sides(first: Side, second: Side) -> Compared:
         notes += [f"touchbench cannot verify the protocol of {name}." for name in unknown]
     first_rows, second_rows = (table.loc[both] for table in tables)
     _check_equal_captures(first.name, second.name, first_rows, second_rows)
+    for column in ("subject", "truth"):
+        notes += spelling_doubts(column, first_rows[column].value_counts().to_dict())
+    truths = {*first.rows["truth"], *second.rows["truth"]}
+    notes += [note for side in sides for note in _foreign_notes(side, truths)]
     rows = [side.rows[side.rows["id"].isin(both)] for side in sides]
     people = [100 * each.groupby("subject")["right"].mean() for each in rows]
     accuracy = pd.DataFrame({first.name: people[0], second.name: people[1]})
@@ -186,6 +193,35 @@ def _check_equal_captures(
                 f"capture {wrong[0]}: {column} is {one!r} in {first_name}, {other!r} in "
                 f"{second_name}{more if len(wrong) > 1 else ''}; correct one"
             )
+
+
+def _foreign_notes(side: Side, truths: set[str]) -> list[str]:
+    """A sentence on predictions that are no truth.
+
+    Raises:
+        InputError: one may be a truth, spelt differently, or none of the predictions is a truth.
+    """
+    counts: Counter[str] = Counter()
+    for label, count in side.rows["prediction"].value_counts().items():
+        for one in [label] if label in truths else label.split(" / "):  # of a tied vote
+            counts[one] += count
+    del counts[scores.ABSTAINED]
+    foreign = {name: count for name, count in counts.items() if name not in truths}
+    for name, count in foreign.items():
+        if other := known_spelling(name, truths):
+            raise InputError(
+                f"{side.name}: prediction {name!r} ({count}x) may be the truth {other!r}, spelt "
+                "differently; write predictions as the truth is written"
+            )
+    if not foreign:
+        return []
+    words = first_names([f"{name!r} ({count}x)" for name, count in foreign.items()])
+    if len(foreign) == len(counts):
+        raise InputError(
+            f"{side.name} predicts {words}, which no capture has as truth (such as "
+            f"{min(truths)!r}); write predictions as the truth is written"
+        )
+    return [f"{side.name} predicts {words}, which no capture has as truth; these are wrong."]
 
 
 def _right_alone(captures: pd.DataFrame) -> tuple[pd.Series, pd.Series]:
@@ -304,7 +340,7 @@ def side_of_runs(results: Sequence[Result], name: str, on: str) -> Side:
     rows = rows.astype({"capture": str, "subject": str})
     rows = rows.rename(columns={"capture": "id", "true": "truth", "predicted": "prediction"})
     right = (rows["truth"] == rows["prediction"]).astype(float)
-    return Side(name, rows[COLUMNS].assign(right=right), on)
+    return Side(name, rows[COLUMNS].assign(right=right), on, stale_sentences(results))
 
 
 def find_runs(name: str, results: Sequence[Result]) -> list[Result]:
@@ -339,6 +375,7 @@ def sides_of_runs(runs_by_name: Mapping[str, Sequence[Result]]) -> dict[str, Sid
     runs_by_setting = [{r.values_to_agree: r for r in runs} for runs in runs_by_name.values()]
     first, last = runs_by_setting[0], runs_by_setting[-1]
     shared = [setting for setting in first if setting in last]
+    shared = [setting for setting in shared if not first[setting].is_stale] or shared
     contexts = [*group_results([first[setting] for setting in shared])]
     words = " and ".join(runs_by_name)
     if not shared:

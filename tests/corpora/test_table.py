@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bench.corpora.folder import content_digest
 from bench.corpora.read.table import corpus_from_table, read
 from bench.errors import InputError
 from tests.corpora import made
@@ -66,6 +67,20 @@ def test_ragged_captures_are_the_same_from_every_kind_of_file(
         assert corpus.captures.to_dict("list") == {
             name: list(values) for name, values in labels.items()
         }
+
+
+def test_labels_are_text_of_one_spelling_from_every_kind_of_file(tmp_path):
+    labels = {"subject": [1, 10], "gesture": [0, 1], "take": [3, 12], "weight": [1.5, 2.0]}
+    table = pd.DataFrame(labels | {"is_left": [True, False], "frame": 0, "x": [5, 6]})
+    corpora = [read(stored(table, tmp_path, kind), 54.0, "1x1") for kind in ("csv", "parquet")]
+    arrays = {name: table[name].to_numpy() for name in table if name not in ("frame", "x")}
+    arrays |= {"frames": table[["x"]].to_numpy()[:, None], "offsets": np.arange(3)}
+    np.savez(tmp_path / "my.npz", **arrays)
+    corpora.append(read(tmp_path / "my.npz", 54.0))
+    assert len({content_digest(corpus) for corpus in corpora}) == 1
+    for corpus in corpora:
+        assert corpus.captures.iloc[1].tolist() == ["10", "1", "12", "2.0", "False"]
+        assert corpus.select("take > '2' and weight != '1.5' or take == '12'").subjects == ["10"]
 
 
 @pytest.mark.parametrize(("end", "blank"), [("\n", ["", "", ""]), ("\r\n", ["\t", " "])])

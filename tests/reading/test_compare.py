@@ -127,6 +127,23 @@ def test_windows_vote_and_what_one_file_lacks_is_named():
     assert "interval [" not in words and "detected" not in words and np.isnan(found.low)
 
 
+def test_labels_that_are_no_truth_and_people_who_may_be_one_are_named():
+    one, other = predictions([9, 8, 7]), predictions([8, 8, 8])
+    other.loc[other.index[-1], "prediction"] = "knock"
+    found = bench.compare(one, other)
+    assert "predicts 'knock' (1x), which no capture has as truth; these are wrong." in repr(found)
+    tied = other.assign(prediction="knock").iloc[-1:]
+    found = bench.compare(one, pd.concat([other.assign(prediction=other["truth"]), tied]))
+    assert "predicts 'knock' (1x), which" in repr(found)
+    for table in (one, other):
+        table["subject"] = table["subject"].map({1: "1", 2: "2", 3: "02"})
+    assert "subject '02' (20x) and '2' (20x) may be one" in repr(bench.compare(one, other))
+    numbers = predictions([9, 8, 7]).replace(dict(zip(GESTURES, "123", strict=True)))
+    floats = numbers.assign(prediction=numbers["prediction"] + ".0")
+    with pytest.raises(bench.InputError, match=r"prediction '.\.0' .* may be the truth '.', spelt"):
+        bench.compare(numbers, floats)
+
+
 def test_a_table_against_stored_runs_whose_seeds_are_averaged(store):
     """The ids of a run are places in the corpus."""
     tracked_run(store, "svm · touch", predictions_with_hits([18, 14, 15, 12, 16]))
@@ -148,6 +165,9 @@ TABLES = [  # changes of a table, and what is told of it
     (lambda t: t.assign(subject=["1", None]), "subject is empty"),
     (lambda t: pd.concat([t, t.assign(truth="rub")]), "capture a has 'pat' and 'rub' as truth"),
     (lambda t: t.iloc[:0], "no predictions"),
+    (lambda t: t.assign(prediction=["Pat", "tap"]), "'Pat' .1x. may be the truth 'pat'"),
+    (lambda t: t.assign(prediction=["tap", "[pat]"]), "'.pat.' .1x. may be the truth 'pat'"),
+    (lambda t: t.assign(prediction=[0, 2]), "predicts '0' .1x., '2' .1x., which no capture has"),
 ]
 FILES = [  # content of a file, or the name of one
     (FEW.to_csv(index=False).encode("utf-16"), "UTF-8"),

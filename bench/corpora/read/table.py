@@ -98,7 +98,7 @@ def parse_grid(grid: str) -> tuple[int, int]:
 
 
 def describe_source(corpus: Corpus, path: Path, warnings: list[str], name: str) -> Corpus:
-    """The captures of a file with their name and ``info``.
+    """The captures of a file with labels as text, their name and ``info``.
 
     A column ``synthetic`` that is the same for all captures becomes part of the ``info``.
 
@@ -112,10 +112,10 @@ def describe_source(corpus: Corpus, path: Path, warnings: list[str], name: str) 
             f"{file_name(path)}: a condition cannot be called {shorten(reserved[0])}, "
             "which predictions need; rename it"
         )
-    captures = captures.astype({"subject": str, "gesture": str})
+    captures = captures.astype(str)  # as a CSV file has it, whatever the file
     marks = pd.Series("false", captures.index)
     if SYNTHETIC in captures:
-        marks = captures[SYNTHETIC].astype(str).str.lower().replace({"1": "true", "0": "false"})
+        marks = captures[SYNTHETIC].str.lower().replace({"1": "true", "0": "false"})
         if len(wrong := np.flatnonzero(~marks.isin(["true", "false"]))):
             mark = one_line(captures[SYNTHETIC].iloc[wrong[0]], 40)
             raise InputError(
