@@ -17,6 +17,7 @@ from bench.corpora.spellings import may_be_same, spelling_doubts
 
 MOST_CAPTURES, MOST_FOR_SEAMS = 100, 300  # whose readings are looked at, evenly spread
 BETTER_FIT = 1.1  # times the correlation of neighbours, from which another grid is likelier
+LEAST_SPREAD, LAST_TAXELS = 4, 3  # of readings in a frame, and taxels that may be statistics
 LEAST_CORRELATION = 0.1  # of neighbours; below it a sensor is too noisy to tell
 RARE = 10  # times fewer captures than usual: such a gesture may be another one, misspelt
 SIMILAR = 0.65  # of two words, from 0 to 1
@@ -36,6 +37,7 @@ def find_doubts(corpus: Corpus) -> list[str]:
         *_doubt_labels(corpus),
         *_doubt_rate(corpus),
         *_doubt_full_scale(corpus, np.concatenate(some)),
+        *_doubt_statistics(np.concatenate(some).astype(np.float64)),
         *_doubt_grid(corpus.grid, some),
     ]
 
@@ -93,6 +95,28 @@ def _doubt_full_scale(corpus: Corpus, readings: np.ndarray) -> Iterator[str]:
             f"all readings are multiples of {step}; "
             "if they were scaled, give them and full_scale= as measured"
         )
+
+
+def _doubt_statistics(readings: np.ndarray) -> Iterator[str]:
+    """Find a mean, a sum or a maximum of the taxels among the last of them."""
+    taxels = readings.shape[1]
+    if np.median(np.ptp(readings, axis=1)) < LEAST_SPREAD:
+        return
+    for taxel in range(max(3, taxels - LAST_TAXELS), taxels):
+        reading, before = readings[:, taxel], readings[:, :taxel]
+        total = before.sum(axis=1)
+        counts = range(taxel, taxel + LAST_TAXELS + 1)  # some taxels may be missing
+        is_mean = any((np.abs(reading - total / count) < 1).all() for count in counts)
+        relations = {
+            "sum": (reading == total).all(),
+            "mean": is_mean,
+            "maximum": (reading == before.max(axis=1)).all(),
+        }
+        for relation in (name for name, fits in relations.items() if fits and np.ptp(reading)):
+            yield (
+                f"taxel {taxel + 1} of {taxels} is always the {relation} of those before it; "
+                "if it is no taxel, delete its column and check grid="
+            )
 
 
 def _doubt_grid(grid: tuple[int, int], some: list[np.ndarray]) -> Iterator[str]:

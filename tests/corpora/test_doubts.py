@@ -62,6 +62,19 @@ def test_what_captures_contradict_is_reported_on_import(words, how, message, cap
     assert message in err and err.count("\n") == bool(message)
 
 
+@pytest.mark.parametrize(
+    ("relation", "statistic"),
+    [("mean", lambda v: v.mean(axis=1) // 1), ("maximum", lambda v: v.max(axis=1))],
+)
+def test_a_statistic_in_place_of_the_last_taxel_is_named(relation, statistic, capsys):
+    def change(table):
+        readings = table.filter(regex="^ch").iloc[:, :-1]
+        return table.assign(ch24=statistic(readings))
+
+    assert main([*write_recording(change), *USUAL.split()]) == 0
+    assert f"taxel 24 of 24 is always the {relation} of those" in capsys.readouterr().err
+
+
 def test_a_name_in_two_encodings_is_one_person(capsys):
     whole = renamed("subject", "anna", "Jos\xe9", 5)
     half = renamed("subject", "anna", "Jose\u0301", 2)

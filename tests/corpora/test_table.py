@@ -135,6 +135,100 @@ def test_numbered_channels_go_by_their_numbers(tmp_path, names, conditions, warn
     assert any("order of their numbers" in w for w in corpus.info["warnings"]) is warned
 
 
+PLACED = [
+    "r0c0 r0c1 r1c0 r1c1",
+    "r0_c9 r0_c10 r1_c9 r1_c10",
+    "row1col1 row1col2 row2col1 row2col2",
+    "c0r0 c1r0 c0r1 c1r1",
+    "x0y0 x1y0 x0y1 x1y1",
+    "p_0_0 p_0_1 p_1_0 p_1_1",
+    "1_1 1_2 2_1 2_2",
+    "taxel[0][0] taxel[0][1] taxel[1][0] taxel[1][1]",
+    "(0;0) (0;1) (1;0) (1;1)",
+    "R01C01 R01C02 R02C01 R02C02",
+]
+
+
+@pytest.mark.parametrize("names", PLACED)
+@pytest.mark.parametrize("order", [(0, 1, 2, 3), (0, 2, 1, 3), (3, 1, 0, 2)])
+def test_channels_that_name_a_place_are_put_there(tmp_path, names, order):
+    in_file = [names.split()[taxel] for taxel in order]
+    labels = {"subject": ["ann"], "gesture": ["pat"], "frame": [0], "room_1_2": ["a"]}
+    table = pd.DataFrame(labels | {name: [5 + t] for name, t in zip(in_file, order, strict=True)})
+    corpus = read(stored(table, tmp_path, "csv"), rate_hz=54.0, grid="2x2")
+    assert corpus[0][0].tolist() == [[5, 6], [7, 8]] and "room_1_2" in corpus.captures
+    for grid in ("4x1", "1x4"):
+        with pytest.raises(InputError, match=f"say a grid of 2x2, not {grid}; correct the names"):
+            read(stored(table, tmp_path, "csv"), rate_hz=54.0, grid=grid)
+
+
+@pytest.mark.parametrize(
+    ("names", "reason"),
+    [
+        ("r0c0 r0c1 r1c0 r2c1", "say a grid of 3x2, not 2x2"),
+        ("r0c0 r0c1 r01c01 r1c1", "lack row 1, column 0"),
+        ("r0c0 r0c1 r1c0 r1c1 r01c01", "another column is, too"),
+        ("b c d mean", "mean is one of the last 4 columns"),
+        ("b c d p_max", "p_max is one of the last 4 columns"),
+        ("b c d Sum", "Sum is one of the last 4 columns"),
+    ],
+)
+def test_names_that_contradict_the_grid_are_refused(tmp_path, names, reason):
+    labels = {"subject": ["ann"], "gesture": ["pat"], "frame": [0], "a": [0]}
+    table = pd.DataFrame(labels | {name: [1] for name in names.split()})
+    with pytest.raises(InputError, match=reason):
+        read(stored(table, tmp_path, "csv"), rate_hz=54.0, grid="2x2")
+
+
+def frames_table(lengths, counter, **columns):
+    """A row for each frame; captures differ in ``take``, and ``counter`` numbers their frames."""
+    take = np.repeat(np.arange(len(lengths)), lengths)
+    frame = np.concatenate([[counter(i) for i in range(length)] for length in lengths])
+    labels = {"subject": "ann", "gesture": "pat", "take": take, "frame": frame}
+    return pd.DataFrame(labels | columns | {"x": np.arange(len(take)) % 7, "y": 1})
+
+
+@given(
+    st.integers(3, 80),
+    st.integers(0, 1),
+    st.lists(st.integers(1, 300), min_size=1, max_size=6),
+)
+def test_a_counter_that_wraps_is_joined_with_a_word(tmp_path, period, origin, lengths):
+    table = frames_table(lengths, lambda i: i % period + origin)
+    corpus = read(stored(table, tmp_path, "csv"), rate_hz=54.0, grid="1x2")
+    cuts = sum((length - 1) // period for length in lengths)
+    wrapped = [length for length in lengths if length > period]
+    tells = sum(length % period > 0 for length in wrapped) > len(wrapped) / 2
+    if cuts and tells and (cuts >= 3 or period == 64):
+        assert corpus.lengths.tolist() == lengths
+        (word,) = [w for w in corpus.info["warnings"] if "wraps" in w]
+        assert f"again after {period - 1 + origin} {cuts} times" in word
+    else:
+        assert len(corpus) == len(lengths) + cuts
+    assert np.array_equal(corpus.frames[:, 0, 0], table["x"])
+
+
+def test_captures_of_one_length_or_of_several_are_no_counter_that_wraps(tmp_path):
+    for lengths in ([30] * 6, [30, 20, 25, 30, 12], [256, 256], [30, 30, 30, 12]):
+        table = frames_table(lengths, lambda i: i).drop(columns="take")
+        table["gesture"] = np.where(np.arange(len(table)) < len(table) // 2, "pat", "rub")
+        table["gesture"] = table["gesture"].where(table["frame"] == 0).ffill()
+        corpus = read(stored(table, tmp_path, "csv"), rate_hz=54.0, grid="1x2")
+        assert corpus.lengths.tolist() == lengths
+
+
+@pytest.mark.parametrize("start", [0, 1, 7])
+def test_a_column_that_changes_within_captures_is_named_before_frames_are(tmp_path, start):
+    table = frames_table([4, 5], lambda i: i + start)
+    table.insert(3, "time_ms", np.arange(9) * 20)
+    table.insert(3, "total", np.arange(9) + 5)
+    reason = r"line 3: (time_ms|total) changes within a capture \(so does .*\); delete the column"
+    with pytest.raises(InputError, match=reason):
+        read(stored(table, tmp_path, "csv"), rate_hz=54.0, grid="1x2")
+    with pytest.raises(InputError, match="line 2: a capture starts at frame 7"):
+        read(stored(frames_table([4], lambda i: i + 7), tmp_path, "csv"), 54.0, "1x2")
+
+
 FOUR = ["ch1", "ch2", "ch3", "ch4"]
 
 

@@ -47,7 +47,7 @@ ROWS = [  # a second row of a table, and what the message names beside file and 
     ("ann,pat,1,arm,1,2000000000", ["b", "2000000000", "1e+09"]),
     ("ann,pat,1,arm,1,16777217", ["b", "16777217"]),
     ("ann,pat,7,arm,1,2", ["7"]),
-    ("ann,pat,1,leg,1,2", ["frame 1"]),  # another place, and frames go on
+    ("ann,pat,1,leg,1,2", ["place changes within a capture; delete the column"]),
     ("\udcff,pat,1,arm,1,2", ["UTF-8"]),
     ("ann,pat,1,arm\r,1,2", []),
     ('ann,pat,1,"arm\n",1,2', ["place", "cannot be seen"]),
@@ -216,7 +216,7 @@ def test_lines_are_counted_across_blocks(tmp_path, monkeypatch):
         "table",
         csv(tmp_path, GOOD[0], "ann,pat,0,leg,1,2", "ann,pat,1,arm,1,2"),
         "line 4",
-        "frame 1",
+        "place changes",
     )
 
 

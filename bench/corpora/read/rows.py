@@ -11,6 +11,7 @@ import mmap
 import re
 import unicodedata
 from collections.abc import Collection, Iterator
+from functools import cached_property
 from pathlib import Path
 from typing import NoReturn, Self
 
@@ -29,6 +30,7 @@ from bench.corpora.read.limits import (
     check_unpacked_size,
     check_values,
     file_name,
+    first_names,
     label_defect,
     quote_text,
     smallest_dtype,
@@ -42,6 +44,7 @@ MOST_HEADER = 4 << 20  # bytes
 TEXT = pa.dictionary(pa.int32(), pa.string())  # each word once, so that repeated ones take no room
 BYTES_PER_VALUE = 4  # in memory: a number, or the code of a word
 DAMAGED_PARQUET = "not a readable parquet file ({}); save it again"
+LEAST_WRAP, FEW_CUTS = 64, 3  # frames of a counter that wraps; cuts that tell nothing alone
 INTEGERS = {pa.int64(): pd.Int64Dtype()}  # with gaps
 NUMBER_WORDS = {
     "int64": "a whole number",
@@ -82,6 +85,11 @@ class Table:
     first = 1
     labels: pd.DataFrame
     values: np.ndarray
+
+    @cached_property
+    def notes(self) -> list[str]:
+        """Warnings about the rows."""
+        return []
 
     def read_batches(self, channels: list[str]) -> Iterator[pa.RecordBatch]:
         """Yield the rows; the columns ``channels`` must hold numbers."""
@@ -156,6 +164,56 @@ class Table:
                 wrong[0], f"frame is {numbers[wrong[0]]}, not a whole number; correct it"
             )
         return numbers.astype(np.int64)
+
+    def check_constant(self, columns: list[str], frame: np.ndarray) -> None:
+        """Refuse columns that change from a frame to the next while subject and gesture stay."""
+        changed = {name: differs_from_previous(self.labels[name]) for name in self.labels}
+        others = [changed[name] for name in changed.keys() - {*columns}]
+        follows = np.diff(frame, prepend=frame[0]) == 1
+        follows &= ~np.logical_or.reduce([*others, np.zeros(len(frame), bool)])
+        rows = {name: np.flatnonzero(changed[name] & follows) for name in columns}
+        if wrong := {name: each[0] for name, each in rows.items() if len(each)}:
+            first = min(wrong, key=wrong.__getitem__)
+            more = [name for name in wrong if name != first]
+            also = f" (so does {first_names(more)})" if more else ""
+            self.refuse_row(
+                wrong[first],
+                f"{shorten(first)} changes within a capture{also}; delete the column, or if it is "
+                "a channel, put all channels last, or if a capture begins here, restart frame",
+            )
+
+    def unwrap_frame_numbers(self, same: list[str], frame: np.ndarray, origin: int) -> np.ndarray:
+        """Frame numbers that go on where a counter wraps, which a note says.
+
+        A counter wraps if frame numbers begin again although no label changes, always after the
+        same number, the highest of all, and if most of these stretches do not end with it, too:
+        captures of a fixed length do. One or two cuts tell this only after a power of two.
+
+        Args:
+            same: columns of labels that do not change within a capture.
+            frame: number of each frame.
+            origin: number of the first frame of a capture.
+        """
+        changes = [differs_from_previous(self.labels[name]) for name in same]
+        begins = np.logical_or.reduce([*changes, np.arange(len(frame)) == 0])
+        is_cut = ~begins & (frame == origin)
+        cuts, starts = np.flatnonzero(is_cut), np.flatnonzero(begins)
+        if not len(cuts) or (frame[cuts - 1] != frame.max()).any():
+            return frame
+        count, run = int(frame.max()) - origin + 1, np.cumsum(begins) - 1
+        ends = frame[np.append(starts[1:], len(frame)) - 1][np.unique(run[cuts])]
+        is_binary = count >= LEAST_WRAP and count.bit_count() == 1
+        seen = f"frame begins again after {frame.max()} {len(cuts)} times where no label changes"
+        if (ends < frame.max()).mean() <= 0.5 or (len(cuts) < FEW_CUTS and not is_binary):
+            if is_binary:
+                self.notes.append(f"{seen}; if it is a counter that wraps, number the frames on")
+            return frame
+        self.notes.append(
+            f"{seen}, as a counter that wraps: {len(starts) + len(cuts)} pieces are joined to "
+            f"{len(starts)} captures; if the pieces are captures, number them in a column"
+        )
+        wraps = np.cumsum(is_cut)
+        return frame + count * (wraps - wraps[starts][run])
 
     def split_captures(
         self, same: list[str], frame: np.ndarray, origin: int

@@ -10,6 +10,7 @@ import pandas as pd
 
 from bench.corpora.corpus import Corpus, reserved_names
 from bench.corpora.read.archive import open_zip
+from bench.corpora.read.channels import CHANNEL, channel_columns
 from bench.corpora.read.limits import (
     SYNTHETIC,
     check_column_names,
@@ -18,7 +19,6 @@ from bench.corpora.read.limits import (
     check_file,
     checked_values,
     file_name,
-    first_names,
     source_info,
 )
 from bench.corpora.read.rows import (
@@ -32,7 +32,7 @@ from bench.errors import InputError, one_line, shorten
 from bench.ground.scratch import write_then_rename
 
 LABELS = ["subject", "gesture", "frame"]
-CHANNEL = "ch"  # saved systems call their channels ch1, ch2, ...
+CAPTURE_COLUMNS = ["capture", "subject", "gesture"]  # a change begins a capture
 BROKEN = "not a .npz file of plain arrays ({}); save it again, without objects"
 
 
@@ -197,7 +197,8 @@ def _read_file(
     if size is None:
         raise InputError(f"{file_name(path)}: give the grid of the sensor, such as grid=8x8")
     rows, warnings = read_table_rows(path, size, full_scale, required, [*LABELS, *required])
-    return _as_captures(rows, size, rate_hz, full_scale), warnings
+    corpus = _as_captures(rows, size, rate_hz, full_scale)
+    return corpus, [*warnings, *rows.notes]
 
 
 def read_table_rows(
@@ -241,47 +242,14 @@ def _as_captures(rows: Table, size: tuple[int, int], rate_hz: float, full_scale:
     """Rows as captures, which begin where the frame number starts again."""
     rows.check_filled()
     frame = rows.take_frame_numbers()
+    rows.check_constant([*rows.labels.columns.difference(CAPTURE_COLUMNS, sort=False)], frame)
     if (origin := int(frame[0])) not in (0, 1):
         rows.refuse_row(
             0, f"a capture starts at frame {origin} instead of 0 or 1; restore its frames"
         )
+    frame = rows.unwrap_frame_numbers([*rows.labels], frame, origin)
     captures, starts, lengths = rows.split_captures([*rows.labels], frame, origin)
     return Corpus(rows.values.reshape(-1, *size), starts, lengths, captures, rate_hz, full_scale)
-
-
-def channel_columns(columns: list[str], grid: tuple[int, int], place: str) -> list[str]:
-    """The columns of the channels, row by row.
-
-    If most of the last columns differ only in a number at the end of their names (ch1, ch2, ... or
-    cell0, cell1, ...), channels are taken in the order of that number, from 0 or 1 without a gap.
-    Else they are the last columns, in file order.
-
-    Raises:
-        InputError: a number is missing, or there are more than the grid has taxels.
-    """
-    count = grid[0] * grid[1]
-    numbers: dict[str, dict[str, int]] = {}  # of columns, by what is in front of their numbers
-    for name in columns:
-        if match := re.fullmatch(r"(.*?)([0-9]{1,9})", name, re.DOTALL):
-            numbers.setdefault(match[1], {})[name] = int(match[2])
-    last = {*columns[-count:]}
-    shares = {stem: len(last & {*names}) / count for stem, names in numbers.items()}
-    stem = CHANNEL if CHANNEL in numbers else max(shares, key=shares.__getitem__, default="")
-    if stem != CHANNEL and (count == 1 or shares.get(stem, 0) <= 0.5):
-        return columns[-count:]
-    first = 0 if 0 in numbers[stem].values() else 1
-    wanted = range(first, first + count)
-    by_number = {n: name for name, n in reversed(numbers[stem].items()) if n in wanted}
-    extra = [name for name, n in numbers[stem].items() if by_number.get(n) != name]
-    missing = [f"{stem}{n}" for n in wanted if n not in by_number]
-    if missing or extra:
-        kinds = (("missing", missing), ("extra", extra))
-        wrong = ", ".join(f"{kind}: {first_names(names)}" for kind, names in kinds if names)
-        raise InputError(
-            f"{place}: a grid of {grid[0]}x{grid[1]} has {count} channels, {shorten(stem)}{first} "
-            f"to {shorten(stem)}{first + count - 1}; {wrong}; correct the columns or the grid"
-        )
-    return [by_number[n] for n in wanted]
 
 
 def _read_arrays(
