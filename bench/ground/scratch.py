@@ -6,6 +6,7 @@ lock is free.
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import shutil
@@ -16,12 +17,13 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.errors import InputError
+from bench.errors import InputError, one_line
 
 if TYPE_CHECKING:
     from filelock import BaseFileLock
 
 MARK = "touchbench-"  # in the names of temporary files, before the number of their process
+NO_SPACE = 1 << 16  # bytes; a disk with less is full
 LOCK = ".lock"  # end of the name of their locks
 
 
@@ -36,12 +38,15 @@ def data_folder() -> Path:
 
 def why_data_folder_failed(error: OSError) -> str:
     """Say what is wrong with the data folder; "" for an error that names another place."""
-    place, folder = str(error.filename2 or error.filename or ""), data_folder()
-    if not Path(place).absolute().is_relative_to(folder.absolute()):
+    place, reason, folder = error.filename2 or error.filename, error.strerror, data_folder()
+    if isinstance(error, shutil.Error) and isinstance(error.args[0], list):  # of a whole folder
+        _, place, reason = error.args[0][0]
+        reason = reason.partition(":")[0]
+    if not place or not Path(place).absolute().is_relative_to(folder.absolute()):
         return ""
     return (
-        f"the data folder {folder} cannot be used ({error.strerror or error}: {place}); mend it, "
-        "or set TOUCHBENCH_HOME to another folder, and repeat the command"
+        f"the data folder {folder} cannot be used ({one_line(reason)}: {place}); mend it, or set "
+        "TOUCHBENCH_HOME to another folder, and repeat the command"
     )
 
 
@@ -65,6 +70,11 @@ def use_scratch_folder() -> Iterator[None]:
             tempfile.tempdir = str(mine)
         try:
             yield
+        except OSError as e:
+            is_full = e.errno == errno.ENOSPC and folder.exists()
+            if is_full and not e.filename and shutil.disk_usage(folder).free < NO_SPACE:
+                e.filename = str(folder)  # the error of a full disk names no file
+            raise
         finally:
             tempfile.tempdir = before
 
@@ -128,6 +138,16 @@ def _remove_semaphores(removed: Iterable[str], folder: Path) -> None:
 
 
 @contextmanager
+def name_place(path: Path) -> Iterator[None]:
+    """Name a path in errors that name none, as that of a full disk."""
+    try:
+        yield
+    except OSError as e:
+        e.filename = e.filename or str(path)
+        raise
+
+
+@contextmanager
 def write_then_rename(path: Path) -> Iterator[Path]:
     """Yield a path to write, which then replaces ``path``; the old file stays if that fails.
 
@@ -139,11 +159,8 @@ def write_then_rename(path: Path) -> Iterator[Path]:
     path = path.resolve()
     remove_leftovers(path.parent)
     with hold_path(path.parent, suffix=path.suffix) as beside:
-        try:
+        with name_place(path):
             yield beside
-        except OSError as e:
-            e.filename = e.filename or str(path)  # that of a full disk names no file
-            raise
         os.replace(beside, path)
 
 

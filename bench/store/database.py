@@ -20,7 +20,13 @@ from filelock import FileLock, Timeout
 from bench.errors import InputError
 from bench.ground.digests import DamagedFile, append_digest, split_digest
 from bench.ground.progress import warn
-from bench.ground.scratch import data_folder, hold_path, write_then_rename
+from bench.ground.scratch import (
+    data_folder,
+    hold_path,
+    name_place,
+    why_data_folder_failed,
+    write_then_rename,
+)
 
 if TYPE_CHECKING:
     from mlflow.store.tracking.sqlalchemy_store import SqlAlchemyStore
@@ -77,12 +83,15 @@ def create_database(path: Path) -> None:
         folder.mkdir()
         new = folder / path.name
         try:
-            new.write_bytes(split_digest(empty.read_bytes()))
+            content = split_digest(empty.read_bytes())
         except (OSError, DamagedFile):
             with open_database(new):
                 pass
             with suppress(OSError), write_then_rename(empty) as copy:  # unless it cannot be written
                 copy.write_bytes(append_digest(new.read_bytes()))
+        else:
+            with name_place(path):
+                new.write_bytes(content)
         new.replace(path)
 
 
@@ -199,6 +208,8 @@ def lock_file(path: Path, timeout: float = -1) -> Iterator[None]:
     except OSError as e:
         if isinstance(e, Timeout):  # an OSError, too
             raise
+        if not path.exists() and (message := why_data_folder_failed(e)):
+            raise InputError(message) from e
         owner = f", a file of {path.owner()}," if path.exists() else ""
         raise InputError(
             f"the lock {path}{owner} cannot be written ({e.strerror or e}); "

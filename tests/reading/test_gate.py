@@ -1,6 +1,7 @@
 """The gate: its tests against enumeration, its verdicts, and the file of a baseline."""
 
 import itertools
+import json
 from collections import Counter
 from dataclasses import replace
 
@@ -13,6 +14,7 @@ from scipy.stats import binom
 
 from bench.errors import InputError
 from bench.grammar.options import command_options
+from bench.ground.digests import json_with_digest
 from bench.reading.gate import (
     SystemRecord,
     baseline_json,
@@ -206,10 +208,15 @@ def test_a_baseline_is_read_as_it_was_written(tmp_path_factory, rows):
 
 def test_a_damaged_baseline_is_refused(tmp_path):
     good, path = baseline_json([measured([1, 0])]), tmp_path / "b.json"
+    flipped = good.replace('"predicted": [', '"predicted": [1, ').replace("[1, 0, ", "[1, ", 1)
+    assert flipped != good and json.loads(flipped)
     for wrong in (
+        flipped,
         good.replace('"seed"', '"seeds"'),
         good.replace("]}\n", ""),
-        '{"format": 1, "systems": []}',
+        json_with_digest('{"format": 2, "systems": []}'),
+        json_with_digest('{"format": 1, "systems": []}'),
+        json_with_digest('{"format": 2, "systems": [{"run": ""}]}'),
     ):
         path.write_text(wrong)
         with pytest.raises(InputError):

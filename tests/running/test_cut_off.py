@@ -62,16 +62,24 @@ def test_a_run_that_was_only_begun_is_made_again_with_all_it_needs(step, store, 
     )
 
 
-@pytest.mark.parametrize(
-    "harm", [lambda b: b[:-20], lambda b: b[: len(b) // 2] + b"x" + b[len(b) // 2 + 1 :]]
+HARMS = (
+    lambda content: content[:-20],
+    lambda content: content[: len(content) // 2] + b"x" + content[len(content) // 2 + 1 :],
+    lambda content: content[:6] + b"\x20" + content[7:],  # a flag that Python's zip lacks
 )
-def test_a_fold_that_is_cut_off_or_damaged_is_done_again(harm, store, monkeypatch):
+
+
+@pytest.mark.parametrize("harm", HARMS)
+def test_a_fold_that_is_cut_off_or_damaged_is_named_and_done_again(
+    harm, store, monkeypatch, capsys
+):
     kill_in(monkeypatch, TrackedRun, "store_result", command)
     (run,) = store.runs_of_kind("echo")
     path = run.folder / "folds" / "1.zip"
     path.write_bytes(harm(path.read_bytes()))
     DONE.clear()
     (outcome,) = command()
+    assert f"{path} is damaged; its fold is run again" in capsys.readouterr().err
     assert (
         DONE == [(0, "2")]
         and outcome.folds == "3/3"

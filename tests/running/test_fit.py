@@ -5,6 +5,7 @@ import subprocess
 import sys
 from importlib.metadata import version
 from pathlib import Path
+from shutil import copytree
 from types import SimpleNamespace
 
 import mlflow
@@ -128,6 +129,25 @@ def test_the_step_of_readings_is_that_of_the_training_captures_alone():
         [s.astype(np.int16) for s in streams], captures, 7.0, full_scale=255.0
     )
     assert reading_step(whole) == 1.0
+
+
+@pytest.mark.parametrize("kind", ["folder", "store"])
+def test_a_damaged_model_is_refused_before_it_is_loaded(shipped, monkeypatch, tmp_path, kind):
+    """Each kind of file of a model, of which Python runs some."""
+    monkeypatch.chdir(copytree(shipped.folder, tmp_path / "copy"))
+    monkeypatch.setattr(mlflow.pyfunc, "load_model", lambda _: pytest.fail("loaded"))
+    model, folder = "saved", Path("saved")
+    if kind == "store":
+        model = shipped.fitted.uri
+        folder = next(Path("mlruns").rglob("MLmodel")).parent
+    for name in ("python_model.pkl", "MLmodel", "code/bench/contract.py", "sha256.json"):
+        content = (folder / name).read_bytes()
+        for damaged in (content[:-1], bytes([content[0] ^ 4]) + content[1:]):
+            (folder / name).write_bytes(damaged)
+            with pytest.raises(InputError, match=f"is damaged: {name}.*restore it") as error:
+                load_recogniser(model)
+            assert "\n" not in str(error.value)
+        (folder / name).write_bytes(content)
 
 
 def test_what_cannot_be_fitted_or_loaded_is_refused(monkeypatch, capsys):

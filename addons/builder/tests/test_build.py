@@ -1,6 +1,7 @@
 """``bench build`` from recordings to a folder of C with a certificate, and its check."""
 
 import json
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -9,6 +10,7 @@ import pandas as pd
 import pytest
 
 from bench.cli import main
+from bench.corpora.corpus import Corpus
 from bench.corpora.library import open_imported
 from bench.corpora.read.table import write_table
 from bench.errors import InputError
@@ -22,7 +24,7 @@ TOOLS = [name for name in ("cc", "make", "c++") if shutil.which(name) is None]
 ARM = [name for name in ("arm-none-eabi-gcc", "qemu-system-arm") if shutil.which(name) is None]
 SENSOR = ["grid=4x4", "rate_hz=100", "full_scale=1023"]
 # In so short a time, one system is compared.
-BUILD = ["build", "skin.csv", *SENSOR, "seconds=0.1", "jobs=1", "out=robot"]
+BUILD = ["build", "skin.csv", *SENSOR, "seconds=0.1", "jobs=1", "prefix=skin", "out=robot"]
 
 pytestmark = pytest.mark.skipif(bool(TOOLS), reason=f"{', '.join(TOOLS)} not installed")
 
@@ -55,7 +57,11 @@ def test_recordings_become_c_that_compiles_passes_its_test_and_keeps_its_certifi
     with monkeypatch.context() as patch:
         patch.setattr("touchbench_builder.folder._run_own_test", interrupted)
         assert main(BUILD) == 130 and "the same command continues" in capsys.readouterr().err
-    assert not Path("robot").exists() and not [*Path().glob(".robot*")]
+    assert (
+        main([*BUILD[:-2], "prefix=9", "out=robot"]) == 2
+        and "prefix=9: names" in capsys.readouterr().err
+    )
+    assert not Path("robot").exists() and not [*Path().glob(".touchbench*")]
     before = {run.info.run_id for run in connect().search_runs()}
     Path("robot").mkdir()  # an earlier build
     Path("robot/certificate.json").write_text("{}")
@@ -96,13 +102,15 @@ def test_recordings_become_c_that_compiles_passes_its_test_and_keeps_its_certifi
     label = row.split(",")[1].strip()
     path.write_text(f"{before}\n    {{" + row.replace(f" {label},", f" {1 - int(label)},", 1))
     code, text = run_in_robot("make", "-s", "test")
+    own = " ".join(path.read_text() for path in Path("robot").glob("*.[ch]*"))
+    assert "skin_push(" in own and not re.search(r"\b(touch|TOUCH)_\w", own)
     assert code and "2 of 3 captures as in Python" in text and "instead of" in text
 
-    compare_new_people(capsys)
+    compare_new_people(capsys, facts["data"]["digest"])
 
 
-def compare_new_people(capsys):
-    """Similar people agree with the certificate, swapped gestures contradict it."""
+def compare_new_people(capsys, digest):
+    """Similar people agree with the certificate, swapped gestures contradict it; its own fail."""
     newer = write_skin(5, seed=1, name="newer.csv")
     named = newer.captures.assign(subject="new " + newer.captures["subject"])
     gestures = named["gesture"].replace({"pat": "tap", "tap": "rub", "rub": "pat"})
@@ -119,9 +127,29 @@ def compare_new_people(capsys):
         assert main(["build", "check", "robot", f"data={name}"]) == code
         out = capsys.readouterr().out
         assert words in out and ("look unlike" in out) is (name == "inverted")
-    for data, words in {"skin": "was recorded for the build", "synth": "grid"}.items():
+    people = pd.concat([newer.captures.assign(subject="other"), write_skin().captures])
+    half = Corpus.from_captures([*newer, *write_skin()], people, 100.0)
+    for name, corpus in {"renamed": write_skin(), "half": half}.items():
+        renamed = corpus.captures.assign(subject="renamed " + corpus.captures["subject"])
+        write_table(corpus.with_fields(captures=renamed), Path(f"{name}.csv"))
+        assert main(["data", "import", "table", f"{name}.csv", f"name={name}", *SENSOR]) == 0
+    refused = {
+        "skin": "was recorded for the build",
+        "synth": "grid",
+        "renamed": "renamed has the recordings of the build",
+        "half": f"half has recordings of the build (digest {digest[:16]}): 54 of {len(half)} cap",
+    }
+    for data, words in refused.items():
         assert main(["build", "check", "robot", f"data={data}"]) == 2
         assert words in capsys.readouterr().err
+    file = Path("robot/certificate.json")
+    text = file.read_text()
+    for damaged in (text.replace('"mean": 0.', '"mean": 1.'), text.replace('"people"', '"folk"')):
+        assert damaged != text
+        file.write_text(damaged)
+        assert main(["build", "check", "robot", "data=newer"]) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert "certificate.json: no certificate of bench build (it differs from" in line
 
 
 def interrupted(*_):
