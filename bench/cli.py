@@ -76,7 +76,8 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _discard_output() -> None:
     """Write what is still in the buffer of standard output to nowhere."""
-    raw = getattr(getattr(sys.stdout, "buffer", None), "raw", None)
+    buffer = getattr(sys.stdout, "buffer", None)
+    raw = getattr(buffer, "raw", buffer)
     if isinstance(raw, _Output):
         os.dup2(os.open(os.devnull, os.O_WRONLY), raw.fileno())
 
@@ -183,9 +184,11 @@ def _accept_all_output() -> None:
 
 def _reopen(stream: Any, kind: type[io.FileIO]) -> io.TextIOWrapper:
     """Open the file behind a stream of text again, as another kind of file."""
-    buffer = io.BufferedWriter(kind(stream.fileno(), "wb", closefd=False))
-    is_tty, own = stream.isatty(), {"encoding": stream.encoding, "errors": stream.errors}
-    return io.TextIOWrapper(buffer, line_buffering=is_tty or stream.line_buffering, **own)
+    file: Any = kind(stream.fileno(), "wb", closefd=False)
+    if not stream.write_through:  # as without PYTHONUNBUFFERED
+        file = io.BufferedWriter(file)
+    names = ("encoding", "errors", "line_buffering", "write_through")
+    return io.TextIOWrapper(file, **{name: getattr(stream, name) for name in names})
 
 
 def _as_error_line(message: str) -> str:

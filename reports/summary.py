@@ -295,16 +295,17 @@ def split_largest_groups(
 ) -> tuple[dict[str, Sequence[Result]], list[str]]:
     """Results by group, and the names of groups beyond `GROUPS`.
 
-    People precede generated captures, protocols with new persons those that mix subjects; then come
-    the groups with most subjects, then those with most systems.
+    Corpora as imported now precede earlier captures, people precede generated captures, protocols
+    with new persons those that mix subjects; then come the groups with most subjects, then those
+    with most systems.
     """
 
     def precedence(name: str) -> tuple:
         results = groups[name]
         mixed = any(r.mixes_subjects for r in results)
-        synthetic = max(r["synthetic"] for r in results)
+        synthetic, stale = max(r["synthetic"] for r in results), any(r.is_stale for r in results)
         subjects = max(r.get("subjects", 0) for r in results)
-        return synthetic, mixed, -subjects, -len({r.system for r in results}), name
+        return stale, synthetic, mixed, -subjects, -len({r.system for r in results}), name
 
     ordered = sorted(groups, key=precedence)
     return {name: groups[name] for name in ordered[:GROUPS]}, ordered[GROUPS:]

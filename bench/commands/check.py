@@ -22,6 +22,7 @@ from bench.ground.typed import Values
 from bench.plan.cells import Cell
 from bench.plan.grid import make_cells
 from bench.reading import gate
+from bench.reading.captures import stale_sentences
 from bench.reading.gate import SystemRecord, SystemVerdict
 from bench.reading.runs import (
     SELECTING_KEYS,
@@ -160,11 +161,13 @@ def _run_all(
 def _load_stored_runs(baseline: list[SystemRecord]) -> list[SystemRecord]:
     """Load the newest complete runs that can be compared with the baseline, of any code."""
     systems = {tuple(each.names[name] for name in gate.COUNTERPART_TAGS) for each in baseline}
-    return [
-        gate.record_of_result(result, "")
+    results = [
+        result
         for result in load_results_on_captures(connect())
         if result.is_complete and tuple(result[name] for name in gate.COUNTERPART_TAGS) in systems
     ]
+    print_lines(*stale_sentences(results))
+    return [gate.record_of_result(result, "") for result in results]
 
 
 def _load_history(current: SystemRecord) -> list[tuple[str, SystemRecord]]:

@@ -8,6 +8,7 @@ from typing import Any
 from bench.commands.printing import print_lines, print_next_commands, results_console
 from bench.grammar.options import FIT_OPTIONS, cost_limits, run_commands, typed_settings
 from bench.ground.typed import Values, format_command
+from bench.reading.candidates import repeated_arguments
 from bench.reading.choice import Choice, choose_from_runs, format_points
 from bench.reading.runs import load_results, parse_selection
 from bench.reading.scene import read_scene
@@ -66,6 +67,8 @@ def _next_command(result: Choice) -> str:
     arguments = {k: v for k, v in arguments.items() if k.partition(".")[0] in keys}
     if not arguments or chosen["command"] not in run_commands() or chosen["conditions"]:
         return "bench report"
+    if result.candidates.first.is_stale:  # a fit would learn other captures than these
+        return format_command(str(chosen["command"]), repeated_arguments(str(chosen["arguments"])))
     shipped = json.loads(str(chosen["shipped"]))
     return format_command("fit", arguments | shipped | {"out": "chosen"})
 

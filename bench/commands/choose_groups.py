@@ -11,6 +11,7 @@ from bench.errors import InputError
 from bench.grammar.options import BATCH, STORED_OPTIONS, typed_settings
 from bench.ground.typed import Values
 from bench.reading.candidates import comparable_runs
+from bench.reading.captures import stale_sentences
 from bench.reading.frame import choose_command
 from bench.reading.groups import Grouping, accuracy_by_grouping, reactions_table
 from bench.reading.runs import load_results_on_captures, parse_selection, warn_of_missing_runs
@@ -85,6 +86,7 @@ def find_groups(values: Values) -> tuple[pd.DataFrame, str, list[str], list[Resu
     runs = max(runs_by_system.values(), key=lambda runs: mean(r["accuracy"] for r in runs))
     if runs[-1].mixes_subjects:
         notes = [*notes, MIXED_NOTE]
+    notes = [*stale_sentences(runs), *notes]
     predictions = [r.tables["predictions"].assign(seed=r["seed"]) for r in runs]
     title = f"{', '.join(runs[-1].context)}; {runs[-1].system}"
     return accuracy_by_grouping(pd.concat(predictions, ignore_index=True)), title, notes, runs

@@ -8,10 +8,10 @@ from datetime import datetime
 from bench.commands.printing import CONTEXT_COLUMNS, print_lines, results_console
 from bench.errors import InputError
 from bench.grammar.options import typed_settings
-from bench.ground.registry import views_of_runs
 from bench.ground.typed import Values
+from bench.reading.captures import stale_sentences
 from bench.reading.frame import name_rows
-from bench.reading.runs import parse_selection, select_or_fail
+from bench.reading.runs import load_all_runs, parse_selection, select_or_fail
 from bench.store.client import connect
 from bench.store.database import lock_run
 from bench.values.measures import percent_measure, text_measure
@@ -34,9 +34,9 @@ def command(values: Values) -> int:
             "delete=yes asks before it deletes, and there is no terminal to ask; add yes=yes"
         )
     store = connect(writes=settings["delete"])
-    results = [store.load_result(run) for run in store.runs_of_kind(*views_of_runs())]
-    results = select_or_fail(results, selection)
+    results = select_or_fail(load_all_runs(store), selection)
     table_of_stored_runs(results).print(results_console())
+    print_lines(*stale_sentences(results))
     if not settings["delete"]:
         return 0
     count = format_count(len(results), "run")
@@ -78,7 +78,8 @@ def _state(result: Result) -> str:
     if failed := int(result.get("folds_failed", 0)):
         return f"{failed} of {failed + int(result['folds'])} folds failed"
     failures = [f"{key}= failed" for key in result.failed_circumstances]
-    return ", ".join(failures) or STATES.get(result["status"], "complete")
+    state = STATES.get(result["status"], "complete") + ", earlier captures" * result.is_stale
+    return ", ".join(failures) or state
 
 
 def _start_time(result: Result) -> str:

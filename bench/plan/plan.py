@@ -20,10 +20,13 @@ import pandas as pd
 from bench import contract
 from bench.corpora.corpus import Corpus, reserved_names, untrained_classes
 from bench.corpora.duplicates import excluding_condition, leaked_captures, repeated_groups
-from bench.corpora.library import UNTAUGHT, open_corpus
+from bench.corpora.library import UNTAUGHT, import_digests, open_corpus
 from bench.errors import InputError
 from bench.ground.typed import quote_value
 from bench.plan.cells import Cell
+from bench.values.result import CAPTURES_TAG, IMPORTS_TAG
+
+MOST_STORED = 8000  # characters of all arguments of a run, as MLflow stores them in one tag
 
 
 @dataclass(eq=False)
@@ -79,7 +82,7 @@ class Plan:
 
     @cached_property
     def facts(self) -> dict[str, str]:
-        """Properties of the protocol for statistics and tables; ``""`` for missing ones."""
+        """Properties of captures and protocol, for tables; ``""`` for missing ones."""
         published = getattr(self.cell.splitter, "official_split", None)
         official = published(self.corpus) if published else None
         ratio = ratio_of_test_to_training(self.folds)
@@ -87,6 +90,8 @@ class Plan:
             "mixes_subjects": str(self.mixes_subjects).lower(),
             "test_over_train": "" if ratio is None else repr(ratio),
             "official_split": "" if official is None else str(official).lower(),
+            IMPORTS_TAG: import_digests(self.cell.data),
+            CAPTURES_TAG: captures_digest(self.corpus),
         }
 
     def with_cell(self, cell: Cell) -> Plan:
@@ -121,7 +126,7 @@ class Plan:
                 folds.update(np.asarray(positions, np.int64).tobytes())
         return {
             "digest": self.corpus.digest,
-            "captures": hashlib.sha256(self.corpus.index.tobytes()).hexdigest(),
+            "captures": captures_digest(self.corpus),
             "folds": folds.hexdigest(),
         }
 
@@ -203,9 +208,21 @@ def check_extensions(plan: Plan) -> None:
 
 def check_system(cell: Cell) -> contract.System:
     """Check the parameters of a system and of its feature sets; return it untrained, not to fit."""
+    refuse_long_values(cell)
     for part in (cell.untrained_system, *cell.feature_sets().values()):
         contract.check_parameters(part)
     return cell.untrained_system
+
+
+def refuse_long_values(cell: Cell) -> None:
+    """Refuse typed values that the store would cut off, so that the run could not be found."""
+    values = {"where": cell.where} if cell.objects else cell.arguments()
+    if len(json.dumps(values)) > MOST_STORED:
+        key = max(values, key=lambda key: len(values[key]))
+        raise InputError(
+            f"{key}= has {len(values[key])} characters; all values of a run may have {MOST_STORED} "
+            "together: write a shorter one, or import these captures as a corpus of their own"
+        )
 
 
 def captures_of_cell(cell: Cell) -> Corpus:
@@ -233,6 +250,11 @@ def load_captures(data: str, parameters: dict[str, object], where: str, target: 
     corpus = open_corpus(data, parameters)
     corpus = corpus.select(where) if where else corpus
     return corpus if target == "gesture" else corpus.with_target(target)
+
+
+def captures_digest(corpus: Corpus) -> str:
+    """Digest of the positions of captures in their corpus: equal for equal subsets."""
+    return hashlib.sha256(corpus.index.tobytes()).hexdigest()
 
 
 def make_folds(cell: Cell, corpus: Corpus) -> list[Fold]:

@@ -351,7 +351,7 @@ def _newest_comparable(results: Sequence[Result]) -> tuple[list[Result], list[st
             "runs on different captures or protocols cannot be compared; "
             f"name one of: {'; '.join(arguments[:4])}"
         )
-    views, by_age = views_of_runs(), sorted(results, key=lambda r: r["started"])
+    views, by_age = views_of_runs(), sorted(results, key=lambda r: (not r.is_stale, r["started"]))
     newest = comparison_key(by_age[-1], ["protocol"])
     same = [r for r in by_age if comparison_key(r, ["protocol"]) == newest]
     last = {r.kind: r for r in same}

@@ -24,6 +24,7 @@ from bench.reading.candidates import (
     measuring_commands,
     repeated_arguments,
 )
+from bench.reading.captures import stale_sentences
 from bench.reading.rule import judge_candidates, meets_budget, pick_candidate
 from bench.reading.runs import NothingTracked, select_runs, warn_of_missing_runs
 from bench.reading.scene import Scene
@@ -153,6 +154,7 @@ class Choice:
     def lines(self) -> list[str]:
         """The choice, its reason and what to expect, or the budgets that rule all out."""
         expectation, scope = self.expectation_sentences(), self._render_blocks("scope")
+        stale = stale_sentences([self.candidates.first])
         every = [
             *self._render_blocks("verdict details prices"),
             *expectation,
@@ -166,7 +168,7 @@ class Choice:
         if self.chosen is None:
             remedy = f"{self._view.key} data={self.candidates.first['data']} {SMALL_SYSTEM}"
         if self.why:
-            return [*every, *choice_sentences("rest", more=0, command=remedy)]
+            return [*every, *choice_sentences("rest", more=0, command=remedy), *stale]
         if self.chosen is None:
             first = {what: commands[:1] for what, commands in self.missing.items()}
             brief = self.why_nothing_fits()
@@ -175,7 +177,7 @@ class Choice:
             brief = [*self._render_blocks("verdict"), *expectation[:1], *scope]
             brief += self._footnotes_of_systems([self.system or ""])
         more = sum(line not in brief[:BRIEF] for line in every)
-        return [*brief[:BRIEF], *choice_sentences("rest", more=more, command=remedy)]
+        return [*brief[:BRIEF], *choice_sentences("rest", more=more, command=remedy), *stale]
 
     def reason_sentences(self) -> list[str]:
         """The choice, its reason, the price of the next better system and of budgets, its scope."""
@@ -334,7 +336,9 @@ def choose_from_runs(
     if "predict" in {by, *budgets} and len(processors) > 1:
         warn(f"warning: computing times come from several processors: {'; '.join(processors)}")
     choice = choose_candidate(candidates, by, dict(budgets), margin)
-    missing = measuring_commands(candidates.table, [by, *budgets], scene.faults)
+    missing = {}
+    if not candidates.first.is_stale:  # else the commands would measure other captures
+        missing = measuring_commands(candidates.table, [by, *budgets], scene.faults)
     return replace(choice, clock=clock, scene=scene, missing=missing, notes=[*notes], why=why)
 
 

@@ -10,8 +10,9 @@ from bench.errors import InputError
 from bench.ground.progress import warn
 from bench.ground.registry import PART_GROUPS, load_views, registered_parts, views_of_runs
 from bench.ground.typed import Values, parse_value, split_values
+from bench.reading.captures import mark_captures, runs_on_subsets
 from bench.store.client import Store
-from bench.values.result import COMPARISON_TAGS, REPETITION_TAGS, Result
+from bench.values.result import COMPARISON_TAGS, REPETITION_TAGS, SINCE_TAG, Result
 
 # Columns of a result by key.
 COLUMN_OF_KEY = {"where": "subset", "run": "run_id"} | {key: f"{key}_name" for key in PART_GROUPS}
@@ -29,7 +30,14 @@ class NothingTracked(InputError):
 
 def load_all_runs(store: Store) -> list[Result]:
     """Every run of all kinds, also failed and interrupted ones and older runs of a system."""
-    return [store.load_result(run) for run in store.runs_of_kind(*views_of_runs())]
+    return _load_marked(store, store.runs_of_kind(*views_of_runs()))
+
+
+def _load_marked(store: Store, runs: Iterable[Any]) -> list[Result]:
+    """Load runs as results, with marks on their captures."""
+    results = [store.load_result(run) for run in runs]
+    mark_captures(results)
+    return results
 
 
 def load_results(
@@ -42,7 +50,7 @@ def load_results(
     data = [str(value) for value in (selection or {}).get("data", ())]
     scores = {tag: view.score for tag, view in views_of_runs().items()}
     runs = store.runs_of_kind(*scores, data=data[0]) if len(data) == 1 else []
-    results = [store.load_result(run) for run in runs or store.runs_of_kind(*scores)]
+    results = _load_marked(store, runs or store.runs_of_kind(*scores))
     scored = [r for r in results if scores[r.kind] in r.metrics]
     scored.sort(key=lambda r: (r.is_complete, r["started"]))
     return _last_of_equals(scored, (*REPEATED, *_tracked_parameters()))
@@ -58,7 +66,7 @@ def load_clean_runs(
 ) -> list[Result]:
     """Complete runs on captures without any circumstance, of all code; sorted, the oldest first."""
     runs = store.runs_of_kind(load_views()["run"].tag)
-    complete = [r for r in map(store.load_result, runs) if r.is_complete]
+    complete = [r for r in _load_marked(store, runs) if r.is_complete]
     clean = [r for r in complete if not _tracked_parameters() & r.attributes.keys()]
     return sorted(select_runs(clean, selection or {}), key=lambda r: r["started"])
 
@@ -156,12 +164,17 @@ def select_runs(results: Sequence[Row], selection: Mapping[str, Iterable[object]
             ids = [str(r.get("run_id")) for r in selected]
             pairs = zip(selected, ids, strict=True)
             selected = [r for r, run_id in pairs if {run_id, run_id[:8]} & texts]
+        elif key == "where":
+            selected = runs_on_subsets(selected, texts)
         elif key != "latest":
             selected = [r for r in selected if r.get(column) in texts]
     if "latest" not in selection:
         return selected
-    # The newest parameters and captures of each model and feature set; complete runs come first.
-    ordered = sorted(selected, key=lambda r: (r["status"] == "FINISHED", r["started"]))
+    # The newest parameters of each model and feature set, on the captures as they are imported now;
+    # complete runs come first.
+    ordered = sorted(
+        selected, key=lambda r: (not r.get(SINCE_TAG), r["status"] == "FINISHED", r["started"])
+    )
     newest = {_values_as_text(r, SETTING): _values_as_text(r, NEWEST) for r in ordered}
     return [
         r for r in selected if _values_as_text(r, NEWEST) == newest[_values_as_text(r, SETTING)]

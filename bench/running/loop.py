@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -26,7 +26,7 @@ from bench.running.tracking import (
 )
 from bench.running.workers import FoldExecutor, local_executor
 from bench.store.client import Store, connect
-from bench.store.database import lock_run
+from bench.store.database import RunLocked, lock_run
 from bench.values.result import Result, format_count
 
 if TYPE_CHECKING:
@@ -70,8 +70,11 @@ def run_plans(
             waiting = [pair for pair in zip(folds, times, strict=True) if pair[0]]
             results = {key: load_finished_run(store, run, grid) for key, run in stored.items()}
             with Bar(count, len(stored), waiting) as bar:
-                for plan, _ in unfinished:
-                    results[plan.key] = _run_plan(store, plan, workers, bar, grid)
+                for plan, result in _run_unlocked(
+                    [plan for plan, _ in unfinished],
+                    lambda plan: _run_plan(store, plan, workers, bar, grid),
+                ):
+                    results[plan.key] = result
             for plan in plans:
                 if effect := results[plan.key].get("touchbench.batch_effect"):
                     warn(f"warning: {plan.cell.system_name()}: {effect}")
@@ -80,6 +83,27 @@ def run_plans(
         raise Interrupted(
             "interrupted; every finished fold is stored, and the same command continues from there"
         ) from e
+
+
+def _run_unlocked(
+    plans: Sequence[Plan], run_plan: Callable[[Plan], Result]
+) -> Iterator[tuple[Plan, Result]]:
+    """Run plans; those that another process runs come last, and again while others finish.
+
+    Raises:
+        RunLocked: only plans that other processes run are left.
+    """
+    while plans:
+        locked = []
+        for plan in plans:
+            try:
+                yield plan, run_plan(plan)
+            except RunLocked as e:
+                locked.append(plan)
+                error = e
+        if len(locked) == len(plans):
+            raise error
+        plans = locked
 
 
 def _run_plan(store: Store, plan: Plan, workers: FoldExecutor, bar: Bar, grid: str) -> Result:

@@ -184,13 +184,13 @@ class TrackedRun:
     def _folds_table(self) -> pd.DataFrame:
         """A row for each fold: status, seconds, numbers and machine, and why it failed."""
         rows: list[dict[str, object]] = []
-        no_seconds = {"seconds": float("nan")}  # a column also where every fold failed
         for fold in self.plan.folds:
             result, reason = self.finished_folds.get(fold.name), self.reasons.get(fold.name, "")
             status = "FAILED" if result is None or reason else "FINISHED"
-            row: dict[str, object] = {"fold": fold.name, "status": status} | no_seconds
+            row: dict[str, object] = {"fold": fold.name, "status": status}
+            row["seconds"] = result.seconds if result else float("nan")  # a column in any case
             if result:
-                row |= {"seconds": result.seconds} | result.tracked_metrics
+                row |= result.tracked_metrics
                 row |= result.machine._asdict() if result.machine else {}
             rows.append(row | {"error": reason})
         return as_stored(pd.DataFrame(rows))

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 # Tags of a run
 BATCH_TAG, CONDITIONS_TAG = "touchbench.depends_on_batch", "touchbench.conditions"
 FAILED_TAG = "touchbench.failed"  # circumstances that failed in a fold
+IMPORTS_TAG, CAPTURES_TAG = "touchbench.imports", "touchbench.captures"  # digests
+# Attribute: digest of the corpus as imported now, if the run is on earlier captures of it
+SINCE_TAG = "touchbench.imported_since"
 COMPARISON_TAGS = ("data", "corpus_digest", "subset", "target", "protocol_label")
 REPETITION_TAGS = (
     "protocol",
@@ -248,6 +251,11 @@ class Result(Mapping[str, Any]):
     def is_complete(self) -> bool:
         """True if no fold failed."""
         return self.attributes["status"] == "FINISHED"
+
+    @property
+    def is_stale(self) -> bool:
+        """True if its corpus was imported again since, with other captures."""
+        return bool(self.attributes.get(SINCE_TAG))
 
     @property
     def failed_circumstances(self) -> list[str]:

@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 
 from bench.cli import _accept_all_output, main
+from bench.errors import InputError
+from bench.ground.typed import expand_home, parse_toml
 from tests.conftest import BENCH
 
 SMALL = ["data=synth", "data.subjects=2", "data.variants=normal"]
@@ -76,6 +78,86 @@ def test_output_that_is_closed_is_no_error(arguments):
         [*BENCH, *arguments], stderr=subprocess.PIPE, preexec_fn=lambda: os.close(1)
     )
     assert (done.returncode, done.stderr) == (0, b"")
+
+
+def test_a_closed_pipe_is_told_by_its_stream(tmp_path):
+    """Of standard output: seen enough. Of standard error: dropped. Of a system: its error."""
+    (tmp_path / "my.py").write_text(
+        "import os\n"
+        "from sklearn.naive_bayes import GaussianNB\n"
+        "class Piped(GaussianNB):\n"
+        "    def fit(self, X, y):\n"
+        "        r, w = os.pipe()\n"
+        "        os.close(r)\n"
+        "        os.write(w, b'x')\n"
+    )
+
+    def run_with_closed(streams, *arguments):
+        reader, writer = os.pipe()
+        os.close(reader)
+        others = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+        others |= dict.fromkeys(streams, writer)
+        done = subprocess.run([*BENCH, *arguments], **others)
+        os.close(writer)
+        return done.returncode, (done.stdout or b"") + (done.stderr or b"")
+
+    for arguments in (["--help"], ["data"], ["runs"]):
+        code, text = run_with_closed(["stdout"], *arguments)
+        assert (code, text) == (0, b"") or (arguments == ["runs"] and code == 2), arguments
+    code, text = run_with_closed(["stderr"], "nonsense")
+    assert code == 2 and b"no command is called 'nonsense'" in text
+    fit = ["fit", *SMALL, "features=jung28", "model=my.py:Piped", "out=saved"]
+    code, text = run_with_closed([], *fit)
+    assert code == 1 and b"BrokenPipeError" in text and not Path("saved").exists()
+
+
+@pytest.mark.parametrize(
+    ("argument", "expected"),
+    [
+        ("out=~/rep", "out={}/rep"),
+        ("~/new.csv", "{}/new.csv"),
+        ("model=svm,~/my.py:My", "model=svm,{}/my.py:My"),
+        ("out=~", "out={}"),
+        ("out=a~/b", "out=a~/b"),
+        ("where=~(subject == '1')", "where=~(subject == '1')"),
+        ("where=~flag", "where=~flag"),
+        ("where=a == '~/x'", "where=a == '~/x'"),
+        ("out=~nobody-here/x", "out=~nobody-here/x"),
+    ],
+)
+def test_the_home_of_the_user_is_found_in_every_argument(argument, expected, monkeypatch):
+    monkeypatch.setenv("HOME", "/home/me")
+    assert expand_home(argument) == expected.format("/home/me")
+
+
+def test_no_folder_is_called_tilde(tmp_path, monkeypatch, capsys):
+    home = tmp_path / "me"
+    home.mkdir()
+    monkeypatch.setenv("HOME", str(home))
+    assert main(["data", "export", "synth", "out.csv", "subjects=1", "out=~/x"]) == 2
+    (tmp_path / "grid.toml").write_bytes(b"\xef\xbb\xbfmodel = '~/my.py:My'\n")
+    assert main(["run", "grid.toml", "dry=yes"]) == 2
+    assert str(home) in capsys.readouterr().err
+    monkeypatch.setenv("TOUCHBENCH_HOME", "~/data")
+    assert main(["data"]) == 0 and (home / "data").is_dir()
+    assert not [*tmp_path.glob("~*")]
+
+
+@pytest.mark.parametrize(
+    ("content", "advice"),
+    [
+        (b"model = 'lda'\nmodel = 'svm'", "once, and several values of a key as a list"),
+        (b"[a]\nmodel = 'lda'\n[a]\n", "once, and several values"),
+        (b"model = 'lda'\nmodel.C = 8", "dot in quotes"),
+        (b"model = lda", "text in quotes"),
+        (b"model = [1,", "lists in brackets"),
+        (b"\xff\xfem", "save the file as UTF-8"),
+    ],
+)
+def test_a_toml_error_has_its_own_advice(content, advice):
+    with pytest.raises(InputError, match=advice):
+        parse_toml(content)
+    assert parse_toml(b'\xef\xbb\xbf"data.x" = 3\n') == {"data.x": 3}
 
 
 def test_memory_that_runs_out_is_one_line(monkeypatch, capsys):

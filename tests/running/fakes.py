@@ -43,6 +43,10 @@ class MemoryStore(Store):
         data.tags.update(tags or {})
         data.steps.setdefault(step, {}).update(metrics or {})
 
+    def next_step(self, run_id, metric):
+        steps = [step for step, each in self.kept[run_id].data.steps.items() if metric in each]
+        return 1 + max(steps, default=-1)
+
     def log_artifact(self, address, path, subfolder=""):
         folder = Path(address) / subfolder
         folder.mkdir(exist_ok=True)

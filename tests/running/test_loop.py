@@ -18,6 +18,7 @@ from bench.running import loop, workers
 from bench.running.fold import peak_memory, reset_peak_memory
 from bench.running.loop import Interrupted, estimate_seconds, run_plans
 from bench.running.workers import FoldExecutor
+from bench.store.tables import write_table
 from tests.running.fakes import DONE, MEASURED, Echo, MemoryStore
 
 TINY = {"data.subjects": 4, "data.variants": "normal", "data.repetitions": 1}
@@ -85,7 +86,7 @@ def test_the_time_left_is_that_of_finished_folds(store, plan):
     table = pd.DataFrame(
         {"status": ["FINISHED", "FINISHED", "FAILED"], "seconds": [2.0, 4.0, 90.0]}
     )
-    table.to_parquet(store.runs_of_kind("echo")[0].folder / "folds.parquet")
+    write_table(table, store.runs_of_kind("echo")[0].folder / "folds.parquet")
     protocol = replace(plan.cell.protocol, name="kfold")
     similar = plan.with_cell(replace(plan.cell, run_kind=Echo(0), protocol=protocol))
     unfinished = [(similar, 4), (echo_plans(plan, 2)[0], 4)]
@@ -139,17 +140,32 @@ def test_a_failed_fold_is_recorded_and_it_alone_is_tried_again(store, plan, monk
     monkeypatch.setattr(Echo, "fails", {fold: ValueError() for fold in "1234"})
     (result,) = run_plans(echo_plans(plan, 1))
     assert not result.has_scores and result.metrics == {"folds": 0, "folds_failed": 4}
+    assert result.tables["folds"]["seconds"].isna().all()
+    assert estimate_seconds(store, [(echo_plans(plan, 2)[0], 4)]) == [None]
     assert store.statuses()[1] == "FAILED"
 
 
-def test_a_run_of_another_process_ends_the_command_after_those_before_it(store, plan):
-    one, two = echo_plans(plan, 0, 1)
+def test_a_run_of_another_process_comes_after_all_others(store, plan, monkeypatch):
+    """It ends the command only where nothing else is left to run; all locks are free again."""
+    plans = echo_plans(plan, 0, 1, 2)
     locks = data_folder() / "locks"
     locks.mkdir(parents=True)
-    with FileLock(locks / f"{two.key}.lock"), pytest.raises(InputError, match="another process"):
-        run_plans([one, two])
-    assert {number for number, _ in DONE} == {0} and store.statuses() == ["FINISHED"]
-    assert len(run_plans([one, two])) == 2  # all locks are free again
+    with FileLock(locks / f"{plans[0].key}.lock") as lock:
+        with pytest.raises(InputError, match="another process"):
+            run_plans(plans)
+        assert {number for number, _ in DONE} == {1, 2} and len(store.statuses()) == 2
+        DONE.clear()
+        run_folds = Backwards.run_folds
+
+        def free_after_the_first_fold(self, plan, missing):
+            lock.release()
+            yield from run_folds(self, plan, missing)
+
+        monkeypatch.setattr(Backwards, "run_folds", free_after_the_first_fold)
+        plans = [plans[0], *echo_plans(plan, 3)]
+        results = run_plans(plans)
+    assert [result["echo.number"] for result in results] == ["0", "3"]
+    assert list(dict.fromkeys(number for number, _ in DONE)) == [3, 0]
 
 
 def test_a_run_names_its_machines(store, plan, monkeypatch):

@@ -3,6 +3,7 @@
 import errno
 import shutil
 import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -203,6 +204,53 @@ def test_what_stays_locked_is_one_line(capsys, monkeypatch):
             connected.log_values(run_id, {"accuracy": 0.5})
     holder.rollback()
     connected.log_values(run_id, {"accuracy": 0.5})
+
+
+@pytest.mark.parametrize("command", ["choose", "runs", "report", "run"])
+def test_a_damaged_or_held_file_is_one_line(command, tmp_path, capsys):
+    store.connect()
+    whole = Path("mlflow.db").read_bytes()
+    arguments = RUN if command == "run" else [command]
+    for size in (len(whole) // 3, len(whole) // 2, 5000, 600):
+        Path("mlflow.db").write_bytes(whole[:size])
+        assert main(arguments) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert "is damaged" in line and "restore a copy, or move it away" in line
+        assert Path("mlflow.db").stat().st_size == size
+
+
+def test_a_held_file_is_named(capsys):
+    store.connect()
+    with closing(sqlite3.connect("mlflow.db", isolation_level=None)) as holder:
+        holder.execute("begin exclusive")
+        assert main(["choose"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "another program holds" in line and line.endswith("mlflow.db; repeat the command")
+
+
+def test_reading_needs_no_lock_and_one_of_another_user_is_named(capsys, monkeypatch):
+    store.connect()
+
+    def refuse(self, *_, real=database.FileLock.acquire):
+        if self.lock_file.endswith("mlflow.db.lock"):
+            raise PermissionError(errno.EACCES, "Permission denied", "mlflow.db.lock")
+        return real(self)
+
+    monkeypatch.setattr(database.FileLock, "acquire", refuse)
+    assert main(["runs"]) == 2 and "no scored run is stored" in capsys.readouterr().err
+    assert main(RUN) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    owner = Path("mlflow.db.lock").owner()
+    assert "mlflow.db.lock" in line and f"a file of {owner}" in line and "make it writable" in line
+
+
+def test_a_repeated_number_counts_by_its_step(monkeypatch):
+    connected = store.connect()
+    run_id = connected.create_run("x", {}).info.run_id
+    for value, seconds in ((0.1, 2_000_000_000), (0.2, 1_000_000_000), (0.3, 1_500_000_000)):
+        monkeypatch.setattr(store.time, "time", lambda seconds=seconds: seconds)
+        connected.log_values(run_id, {"folds": value}, step=connected.next_step(run_id, "folds"))
+        assert connected.client.get_run(run_id).data.metrics == {"folds": value}
 
 
 def test_runs_come_in_pages_newest_first_and_only_of_this_format_and_kind(monkeypatch):
