@@ -32,14 +32,24 @@ def identical_groups(
         groups: dict[Hashable, list[int]] = {}
         for i in positions:
             frames = captures[i] if whole else captures[i][len(captures[i]) // 2 :][:1]
-            shares = frames / (full_scales[i] if full_scales else 1.0)
-            values = (shares + 0).astype(np.float32)  # a zero has no sign
-            key = captures[i].shape, blake2b(values.tobytes(), digest_size=16).digest()
+            full_scale = full_scales[i] if full_scales else 1.0
+            key = captures[i].shape, frames_digest(frames, full_scale)
             groups.setdefault(key, []).append(i)
         return [group for group in groups.values() if len(group) > 1]
 
     likely = group_equal(range(len(captures)), whole=False)
     return sorted(group for part in likely for group in group_equal(part, whole=True))
+
+
+def frames_digest(frames: np.ndarray, full_scale: float = 1.0) -> str:
+    """Digest of readings as shares of full scale, whatever their type."""
+    values = (frames / full_scale + 0).astype(np.float32)  # a zero has no sign
+    return blake2b(values.tobytes(), digest_size=16).hexdigest()
+
+
+def capture_digests(corpus: Corpus) -> list[str]:
+    """A digest of the frames of each capture; "" for a quiet one, which another can equal."""
+    return ["" if is_quiet(frames) else frames_digest(frames) for frames in corpus]
 
 
 def is_quiet(frames: np.ndarray) -> bool:

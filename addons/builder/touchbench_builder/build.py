@@ -51,11 +51,13 @@ def _run_build(words: list[str], values: dict[str, str], command: str) -> int:
     from touchbench_builder.certificate import make_certificate, summary_lines
     from touchbench_builder.folder import check_build_folder, write_build
     from touchbench_builder.systems import compare_systems
+    from touchbench_chip.write import check_prefix
 
     settings = typed_settings("build", values)
     if not settings["out"]:
         raise InputError("bench build needs out=, the folder for the C, such as out=robot")
     out = check_build_folder(Path(settings["out"]), settings["replace"])
+    check_prefix(settings["prefix"])
     scene = _load_scene(settings)
     progress = Progress(settings["seconds"])
     progress.start_step("recordings")
@@ -71,6 +73,7 @@ def _run_build(words: list[str], values: dict[str, str], command: str) -> int:
         warn(f"warning: {warning}")
     chosen = compare_systems(corpus, on, scene, cost_limits(settings), progress)
     recogniser, facts = make_certificate(corpus, on, warnings, scene, chosen, command, progress)
+    facts["system"]["prefix"] = settings["prefix"]
     progress.start_step("C and its tests")
     write_build(out, recogniser, facts, corpus)
     print_lines(*summary_lines(facts))

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from bench.corpora.corpus import Corpus
+from bench.corpora.duplicates import capture_digests
 from bench.errors import InputError
 from bench.reading.frame import runs_table
 from bench.reading.scene import Board, Scene
@@ -75,6 +76,7 @@ def make_certificate(
             "rate_hz": recogniser.rate_hz,
             "full_scale": recogniser.full_scale,
             "subjects": sorted(set(corpus.subjects.astype(str))),
+            "captures_seen": " ".join(sorted({*filter(None, capture_digests(corpus))})),
             "warnings": warnings,
         },
         "system": {

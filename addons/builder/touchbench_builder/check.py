@@ -11,6 +11,7 @@ from scipy.special import bdtrc
 
 from bench.corpora.corpus import Corpus
 from bench.corpora.doubts import doubt_spellings
+from bench.corpora.duplicates import capture_digests, describe_capture
 from bench.corpora.spellings import known_spelling
 from bench.errors import InputError
 from bench.ground.digests import read_json_with_digest
@@ -50,7 +51,9 @@ def check_build(words: list[str], values: Mapping[str, Any]) -> int:
         raise InputError(f"bench build check takes data= and where=; leave {unused[0]}= out")
     corpus = load_corpus(arguments)
     _check_captures(corpus, facts)
-    labels, unlike = label_with_c(folder, facts["data"]["gestures"], corpus)
+    labels, unlike = label_with_c(
+        folder, facts["data"]["gestures"], corpus, facts["system"]["prefix"]
+    )
     right = pd.Series(labels == corpus.gestures.astype(str))
     counts = right.groupby(corpus.subjects.astype(str)).agg(right="sum", total="size")
     agreement = compare_with_certificate(
@@ -101,8 +104,7 @@ def _check_captures(corpus: Corpus, facts: Mapping[str, Any]) -> None:
         spelling = known_spelling(others[0], data["gestures"])
         advice = f"correct it to {spelling}, or " if spelling else ""
         raise InputError(
-            f"data={corpus.name}: the C does not know {others[0]}; "
-            f"{advice}leave it out with where="
+            f"data={corpus.name}: the C does not know {others[0]}; {advice}leave it out with where="
         )
     if problems := doubt_spellings(corpus):
         raise InputError(f"data={corpus.name}: {problems[0]}")
@@ -113,4 +115,15 @@ def _check_captures(corpus: Corpus, facts: Mapping[str, Any]) -> None:
         raise InputError(
             f"data={corpus.name}: subject {same[0]} was recorded for the build; give people who "
             "were not"
+        )
+    seen = {*data["captures_seen"].split()}
+    if shared := [i for i, digest in enumerate(capture_digests(corpus)) if digest in seen]:
+        is_whole = len(shared) == len(corpus)
+        advice = "give people who were not recorded for the build"
+        counts = f"{len(shared)} of {format_count(len(corpus), 'capture')}"
+        raise InputError(
+            f"data={corpus.name}: {corpus.name} has {'the ' * is_whole}recordings of the build "
+            f"(digest {data['digest'][:16]}): {counts}, such as "
+            f"{describe_capture(corpus, shared[0])}; "
+            f"{'' if is_whole else 'leave these people out with where=, or '}{advice}"
         )

@@ -1,6 +1,7 @@
 """The command ``bench build``, without anything heavy."""
 
 from bench.grammar.options import DATA, JOBS, START, TRUST_NOTE, WHERE, Command, Option
+from touchbench_chip.command import PREFIX_OPTION
 
 FORMATS = ("table", "cuddlebot", "haart", "cost", "recording")
 BUILD = Command(
@@ -40,6 +41,7 @@ BUILD = Command(
             600,
             "time; a system is left out if its comparison, faults and last fit need more",
         ),
+        PREFIX_OPTION,
         Option("out", "text", "", "folder for the C; new or empty"),
         Option("replace", "yes", False, "yes: replace an earlier build at out="),
     ),

@@ -20,7 +20,7 @@ from bench.running.saved import Recogniser
 from touchbench_builder.certificate import render_page, summary_lines
 from touchbench_chip.classifiers import format_float
 from touchbench_chip.measure import compile_labeller
-from touchbench_chip.write import write_c_sources
+from touchbench_chip.write import PREFIX, rename_public, write_c_sources
 
 CODE = Path(__file__).parent / "code"
 CERTIFICATE = "certificate.json"
@@ -60,16 +60,18 @@ def check_build_folder(out: Path, replaces: bool) -> Path:
 
 def write_build(out: Path, recogniser: Recogniser, facts: dict[str, Any], corpus: Corpus) -> None:
     """Write the folder of a build and test its C; then it replaces an earlier build."""
-    texts = write_c_sources(recogniser, facts["system"]["bits"], "\n   ".join(header_lines(facts)))
+    bits, prefix = facts["system"]["bits"], facts["system"]["prefix"]
+    texts = write_c_sources(recogniser, bits, "\n   ".join(header_lines(facts)), prefix)
     texts["touch.c"] = f"/* {origin_comment(facts)} */\n\n{texts['touch.c']}"
-    texts["Makefile"] += (CODE / "Makefile.more").read_text(encoding="utf-8")
-    files = [path for path in CODE.iterdir() if path.suffix != ".more"]
-    texts |= {path.name: path.read_text(encoding="utf-8") for path in files}
-    texts["vectors.h"] = vectors_header(recogniser, corpus)
+    more = {path.name: path.read_text(encoding="utf-8") for path in CODE.iterdir()}
+    more["vectors.h"] = vectors_header(recogniser, corpus)
+    more = {name: rename_public(text, prefix) for name, text in more.items()}
+    texts["Makefile"] += more.pop("Makefile.more")
+    texts |= more
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         _write_texts(folder, texts)
-        labels, _ = label_with_c(folder, recogniser.classes, corpus)
+        labels, _ = label_with_c(folder, recogniser.classes, corpus, prefix)
         others = int((recogniser.label(corpus)["label"].to_numpy() != labels).sum())
         facts["c"] = {"captures": len(corpus), "other_labels": others}
         certificate = json_with_digest(json.dumps(facts, indent=1, ensure_ascii=False) + "\n")
@@ -110,7 +112,9 @@ def origin_comment(facts: Mapping[str, Any]) -> str:
     )
 
 
-def label_with_c(folder: Path, classes: list[str], corpus: Corpus) -> tuple[np.ndarray, np.ndarray]:
+def label_with_c(
+    folder: Path, classes: list[str], corpus: Corpus, prefix: str = PREFIX
+) -> tuple[np.ndarray, np.ndarray]:
     """Labels of captures by the C of a folder, and True for those that look unlike training.
 
     The C is compiled for this machine, outside of the folder.
@@ -119,7 +123,7 @@ def label_with_c(folder: Path, classes: list[str], corpus: Corpus) -> tuple[np.n
         try:
             for file in ("touch.c", "touch.h", "tables.h"):
                 shutil.copyfile(folder / file, Path(name, file))
-            run = compile_labeller(Path(name), len(classes))
+            run = compile_labeller(Path(name), len(classes), prefix)
             answers = [run(frames) for frames in corpus]
         except (OSError, ValueError) as e:  # no such file, no compiler, changed C
             raise InputError(f"{folder}: its C cannot be run: {e}; build it again") from e

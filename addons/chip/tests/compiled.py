@@ -70,10 +70,10 @@ def describe_missing(*programs):
     return f"{', '.join(missing)} not installed" if missing else ""
 
 
-def write_files(recogniser, folder, bits=32):
+def write_files(recogniser, folder, bits=32, prefix="touch"):
     """Write the C files of a system into a folder, which is returned."""
     folder.mkdir(parents=True, exist_ok=True)
-    for name, text in write_c_sources(recogniser, bits, "a test").items():
+    for name, text in write_c_sources(recogniser, bits, "a test", prefix).items():
         (folder / name).write_text(text)
     return folder
 

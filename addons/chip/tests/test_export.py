@@ -28,12 +28,15 @@ from addons.chip.tests.compiled import (
 )
 from bench.cli import main
 from bench.corpora.corpus import Corpus
+from bench.errors import InputError
 from bench.features.jung28 import Jung28
 from bench.features.touch import TouchFeatures
+from bench.models.classic.bayes import bayes
 from bench.models.classic.rf import et, rf
 from bench.models.recipe import Recipe
 from bench.models.sizes import measure_sizes
 from bench.running.saved import save_model, silence_mlflow
+from tests.conftest import random_corpus
 from touchbench_chip.tables import collect_contents
 
 pytestmark = pytest.mark.skipif(bool(describe_missing("gcc")), reason=describe_missing("gcc"))
@@ -353,3 +356,79 @@ def test_headers_take_no_plain_names(tmp_path):
     headers = "".join(path.read_text() for path in folder.glob("*.h"))
     names = re.findall(r"^(?:typedef .*|} )\b(\w+);$", headers, flags=re.MULTILINE)
     assert names and all(name.startswith("touch_") for name in names)
+
+
+USE = """#include "{model}/touch.h"
+static {prefix}_t t;
+const char *label_{model}(const float *frame)
+{{
+    float probabilities[{macro}_CLASSES];
+    {prefix}_init(&t);
+    for (int n = 0; n < 20; n++)
+        {prefix}_push(&t, frame);
+    return {prefix}_name({prefix}_label(&t, probabilities, 0));
+}}
+"""
+MAIN = """#include <stdio.h>
+const char *label_one(const float *frame), *label_two(const float *frame);
+static const float frame[36];
+int main(void) { printf("%s %s\\n", label_one(frame), label_two(frame)); return 0; }
+"""
+
+
+def link_two(folder, prefixes, order):
+    """Link the models one and two, each a library, into a program with the address sanitizer."""
+    flags = [*STRICT, "-g", "-fsanitize=address"]
+    for model, prefix in prefixes.items():
+        use = USE.format(model=model, prefix=prefix, macro=prefix.upper())
+        (folder / f"use_{model}.c").write_text(use)
+        library = ["gcc", *flags, "-c", f"{model}/touch.c", "-o", f"{model}.o"]
+        for call in (library, ["ar", "rcs", f"lib{model}.a", f"{model}.o"]):
+            subprocess.run(call, cwd=folder, check=True)
+    (folder / "main.c").write_text(MAIN)
+    call = ["gcc", *flags, "main.c", "use_one.c", "use_two.c", "-L.", *order, "-lm", "-o", "both"]
+    return subprocess.run(call, cwd=folder, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize("order", [("-lone", "-ltwo"), ("-ltwo", "-lone")])
+def test_two_models_with_prefixes_share_a_program_and_without_one_are_not_linked(tmp_path, order):
+    gestures = {"one": ["tap", "touch_hard"], "two": ["pat", "rub"]}
+    for number, (model, names) in enumerate(gestures.items()):
+        corpus = random_corpus(3, 2, grid=(4 + number, 4))
+        captures = corpus.captures.assign(gesture=[names[i % 2] for i in range(len(corpus))])
+        recogniser = fit_recogniser(bayes(Jung28()), corpus.with_fields(captures=captures))
+        write_files(recogniser, tmp_path / model, prefix=f"{model}_skin")
+        write_files(recogniser, tmp_path / "plain" / model)
+    linked = link_two(tmp_path, {model: f"{model}_skin" for model in gestures}, order)
+    assert linked.returncode == 0, linked.stderr
+    labels = program_output([tmp_path / "both"]).split()
+    assert [label in names for label, names in zip(labels, gestures.values(), strict=True)] == [
+        1,
+        1,
+    ]
+    assert '"touch_hard"' in (tmp_path / "one/tables.h").read_text()  # no name of the C
+    linked = link_two(tmp_path / "plain", dict.fromkeys(gestures, "touch"), order)
+    assert linked.returncode and "multiple definition of `touch_push'" in linked.stderr
+
+
+@pytest.mark.parametrize("detector", [False, True])
+def test_no_name_of_the_c_is_without_its_prefix(detector, tmp_path):
+    recogniser = fit_system("reflex" if detector else "bayes", stopping=not detector)
+    folder = write_files(recogniser, tmp_path, prefix="Skin2")
+    for path in folder.iterdir():
+        assert not re.search(r"(\b|\\n)(touch|TOUCH)_\w", path.read_text()), path.name
+    program_output(["make", "-C", folder, "check", "CC=gcc"])
+
+
+@pytest.mark.parametrize("prefix", ["", "9skin", "my skin", "a-b", "_skin", "size", "uint8", "sum"])
+def test_a_prefix_that_makes_no_names_is_refused(prefix, tmp_path):
+    with pytest.raises(InputError, match=f"prefix={prefix}: .*; give "):
+        write_files(fit_system("reflex"), tmp_path, prefix=prefix)
+
+
+@pytest.mark.parametrize("flag", ["-ffast-math", "-Ofast", "-ffinite-math-only"])
+def test_c_that_would_take_nan_for_a_reading_is_not_compiled(flag, tmp_path):
+    folder = write_files(fit_system("bayes", stopping=True), tmp_path)
+    call = ["gcc", "-std=c99", flag, "-c", "touch.c"]
+    done = subprocess.run(call, cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode and "build touch.c without -ffast-math" in done.stderr

@@ -26,6 +26,12 @@ CLOCK = Option(
     None,
     "clock rate of the chip, such as 64MHz; adds its cycles to decision times",
 )
+PREFIX_OPTION = Option(
+    "prefix",
+    "text",
+    "touch",
+    "what public names of the C begin with; another one for each model in a program",
+)
 EXPORT = Command(
     START,
     "write a saved model as C99 for a microcontroller",
@@ -48,6 +54,7 @@ EXPORT = Command(
             "bits per stored weight; 8 uses 16 for support vectors",
             ("32", "8"),
         ),
+        PREFIX_OPTION,
         Option("out", "text", "", "folder for the C files; new or empty"),
     ),
 )
@@ -77,7 +84,8 @@ def export(arguments: list[str]) -> int:
         raise InputError(
             "give a model and out=, the folder for the C files: bench export MODEL out=FOLDER"
         )
-    bits = int(typed_settings("export", values)["bits"])
+    settings = typed_settings("export", values)
+    bits, prefix = int(settings["bits"]), settings["prefix"]
     out = check_empty_folder(Path(values["out"]))
 
     model = load_recogniser(words[0])
@@ -86,17 +94,16 @@ def export(arguments: list[str]) -> int:
         f"touchbench: {len(model.classes)} classes of {kind}touch on {grid} taxels at "
         f"{model.rate_hz:g} Hz"
     )
-    files = write_c_sources(model, bits, title)
+    files = write_c_sources(model, bits, title, prefix)
     with fill_then_rename(out) as folder:
-        folder.mkdir()
         for name, text in files.items():
             (folder / name).write_text(text, encoding="utf-8")
     print(f"{out}: {', '.join(sorted(path.name for path in out.iterdir()))}")
     if model.stopping is not None and not model.stopping.saves:
-        print(f"{NO_SAVING}: touch.h has no TOUCH_THRESHOLD, and settled is always 0")
-    if model.watcher is not None and "touch_watch(" not in files["touch.h"]:
+        print(f"{NO_SAVING}: touch.h has no {prefix.upper()}_THRESHOLD, and settled is always 0")
+    if model.watcher is not None and f"{prefix}_watch(" not in files["touch.h"]:
         print(
-            "touch.h has no touch_watch: only systems on the feature set touch can watch an "
+            f"touch.h has no {prefix}_watch: only systems on the feature set touch can watch an "
             "endless stream in C"
         )
     print(

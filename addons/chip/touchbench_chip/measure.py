@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from touchbench_chip.write import CODE
+from touchbench_chip.write import CODE, PREFIX, rename_public
 
 PROGRAMS = ("cc", "make", "arm-none-eabi-gcc", "qemu-system-arm")
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-shared", "-fPIC")
@@ -50,7 +50,9 @@ def missing_programs() -> list[str]:
     return [name for name in PROGRAMS if shutil.which(name) is None]
 
 
-def compile_labeller(folder: Path, classes: int) -> Callable[[np.ndarray], tuple[np.ndarray, bool]]:
+def compile_labeller(
+    folder: Path, classes: int, prefix: str = PREFIX
+) -> Callable[[np.ndarray], tuple[np.ndarray, bool]]:
     """Compile the C files of a folder into a function that labels captures.
 
     Returns:
@@ -61,7 +63,8 @@ def compile_labeller(folder: Path, classes: int) -> Callable[[np.ndarray], tuple
     Raises:
         ValueError: the files do not compile.
     """
-    shutil.copy(CODE / "asked.c", folder)
+    code = (CODE / "asked.c").read_text(encoding="utf-8")
+    (folder / "asked.c").write_text(rename_public(code, prefix), encoding="utf-8")
     _run_program(["cc", *FLAGS, "asked.c", "-lm", "-o", "asked.so"], folder)
     run = ctypes.CDLL(str(folder / "asked.so")).asked
     floats = ctypes.POINTER(ctypes.c_float)

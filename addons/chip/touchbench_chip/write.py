@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import re
 from collections.abc import Iterable
 from pathlib import Path
 from string import Template
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.special import gammaincinv
 
+from bench.errors import InputError
 from bench.features import touch
 from bench.models.steps import FILL_PASSES
 from touchbench_chip.classifiers import format_float
@@ -64,6 +66,9 @@ COMMENTS = {  # by the first constant of each group
     "order of size.",
     "NAMES": "Classes, in the order of probabilities.",
 }
+PREFIX = "touch"  # of all public names
+PUBLIC_NAME = re.compile(rf"((?<![0-9A-Za-z_])|(?<=\\n))({PREFIX}|{PREFIX.upper()})_")
+STANDARD_TYPES = r"u?int\w*|s?size|ptrdiff|w?char(16|32)?|wint|float|double|time|clock"  # before _t
 FIXED_FILES = ("main.c", "Makefile", "cortex_m4.c", "cortex_m4.ld")
 REMEMBERED = {"PASSES": str(FILL_PASSES), "REMEMBERED": "32"}
 CONSTANTS = REMEMBERED | {  # of the feature set touch
@@ -83,23 +88,66 @@ CONSTANTS = REMEMBERED | {  # of the feature set touch
 }
 
 
-def write_c_sources(recogniser: Recogniser, bits: int, title: str) -> dict[str, str]:
+def write_c_sources(
+    recogniser: Recogniser, bits: int, title: str, prefix: str = PREFIX
+) -> dict[str, str]:
     """Names and contents of the C files of a saved system.
 
     Args:
         recogniser: the saved system.
         bits: bits per learnt weight, 32 or 8.
         title: first line of the header.
+        prefix: what the names of all functions, types and macros begin with.
     """
     chip = collect_contents(recogniser, bits)
     pretended = chip.watch.pretended if chip.watch else ""
     files = {
-        "touch.h": _write_header(chip, title, recogniser.rate_hz),
+        "touch.h": _write_header(chip, recogniser.rate_hz),
         "tables.h": _write_tables(chip, bits),
         "touch.c": _write_code(chip),
         "count.c": _read_code("count.c").replace("/* PRETENDED */", pretended),
     }
-    return files | {name: _read_code(name) for name in FIXED_FILES}
+    files |= {name: _read_code(name) for name in FIXED_FILES}
+    check_prefix(prefix, "\n".join(files.values()))
+    names = ", ".join(f'"{_escape_name(name)}"' for name in chip.classes)
+    model = hashlib.sha256("".join([*files.values(), names]).encode()).hexdigest()[:8]
+    files = {name: rename_public(text, prefix) for name, text in files.items()}
+    # Words of users come last, as they are no names of the C.
+    for name in ("touch.h", "tables.h"):
+        files[name] = Template(files[name]).substitute(title=title, names=names, model=model)
+    return files
+
+
+def check_prefix(prefix: str, code: str = "") -> None:
+    """Raise an InputError for a prefix that makes no names, or names of the C inside.
+
+    Args:
+        prefix: what the names of all functions, types and macros shall begin with.
+        code: C besides that which all systems share.
+    """
+    if not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", prefix) or re.fullmatch(STANDARD_TYPES, prefix):
+        raise InputError(
+            f"prefix={prefix}: names of the C begin with it; give a letter and then letters, "
+            "digits or _, such as prefix=skin, and no type of C"
+        )
+    fixed = [_read_code(path.name) for path in CODE.iterdir()]
+    names = {*re.findall(r"\w+", "\n".join([code, *fixed]))}
+    public = filter(PUBLIC_NAME.match, names)
+    clashes = sorted(names & {rename_public(name, prefix) for name in public})
+    if clashes and prefix != PREFIX:
+        raise InputError(
+            f"prefix={prefix}: the C has the name {clashes[0]} inside; give another prefix"
+        )
+
+
+def rename_public(text: str, prefix: str) -> str:
+    """Replace the prefix of all public names in C or a Makefile; that of macros is upper case."""
+
+    def renamed(match: re.Match[str]) -> str:
+        is_macro = match[2].isupper()
+        return f"{prefix.upper() if is_macro else prefix}_"
+
+    return PUBLIC_NAME.sub(renamed, text)
 
 
 def hash_fixed_code() -> str:
@@ -117,11 +165,12 @@ def _fill_code(name: str, values: dict[str, str]) -> str:
     return Template(_read_code(name)).substitute(values)
 
 
-def _write_header(chip: CContents, title: str, rate_hz: float) -> str:
+def _write_header(chip: CContents, rate_hz: float) -> str:
     defines = chip.defines | {"RATE_HZ": repr(rate_hz)}  # in full, as main.c counts hops with it
     public = [f"#define TOUCH_{name} {defines[name]}" for name in PUBLIC if name in defines]
     parts = {
-        "title": title,
+        "title": "$title",  # filled in after names are given their prefix
+        "model": "$model",
         "public": "\n".join(public),
         "state": _write_state(chip),
         "settled": SETTLED if defines["STOPPING"] == "1" else NEVER_SETTLED,
@@ -275,7 +324,6 @@ STATES = {"touch": _touch_state, "convolved": _convolved_state, "jung28": _jung2
 
 
 def _write_tables(chip: CContents, bits: int) -> str:
-    names = ", ".join(f'"{_escape_name(name)}"' for name in chip.classes)
     constants = CONSTANTS if chip.features == "touch" else REMEMBERED
     arrays = dict(chip.arrays)
     for function, decider in chip.deciders.items():
@@ -283,7 +331,7 @@ def _write_tables(chip: CContents, bits: int) -> str:
     lines = []
     groups = chip.watch.constants if chip.watch else ()
     comments = COMMENTS | {next(iter(group)): comment for comment, group in groups}
-    for name, value in {**chip.defines, **constants, "NAMES": f"{{{names}}}"}.items():
+    for name, value in {**chip.defines, **constants, "NAMES": "{$names}"}.items():
         if name in comments:
             lines.append(f"\n/* {comments[name]} */")
         lines.append(f"#define {name} {value}")

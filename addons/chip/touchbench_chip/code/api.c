@@ -73,6 +73,10 @@ static int earlier(touch_t *t, int label)
 }
 #endif
 
+#if defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__
+#error "build touch.c without -ffast-math (-Ofast, -ffinite-math-only): it would take NaN for a reading"
+#endif
+
 /* Whether readings lie within 0 and the full scale. */
 static int is_frame(const float *frame)
 {

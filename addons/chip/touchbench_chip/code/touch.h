@@ -16,6 +16,11 @@ $public
 #define TOUCH_EMPTY -3 /* nothing was touched yet */
 
 $state
+/* The linker refuses a program with two models, and one that was compiled with the header of another model; with a
+   prefix= of its own for each model, bench export writes models that fit together. */
+#define touch_init touch_init_$model
+#define touch_look_init touch_look_init_$model
+
 /* Begin a capture; the state is all the memory that is needed. */
 int touch_init(touch_t *t);
 

@@ -15,6 +15,8 @@ typedef struct {
     uint32_t reported, end;
 } touch_event_t;
 
+#define touch_watch_init touch_watch_init_$model
+
 /* Begin to watch: once, at power-on. The state is all the memory that is needed; it holds that of a capture, too. */
 int touch_watch_init(touch_watch_t *w);
 
