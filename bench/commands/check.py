@@ -148,7 +148,8 @@ def _run_all(
     print_failures(results)
     complete: dict[tuple[str, ...], SystemRecord] = {}
     failures: dict[tuple, str] = {}
-    for result, (_, run) in zip(results, cells, strict=True):
+    for result, (cell, run) in zip(results, cells, strict=True):
+        result.attributes["subset"] = cell.where or "all"  # a stored run may write it otherwise
         if result.is_complete:
             names = tuple(str(result[name]) for name in gate.KEY_TAGS)
             complete.setdefault(names, gate.record_of_result(result, run))

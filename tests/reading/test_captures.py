@@ -128,6 +128,16 @@ def test_conditions_that_select_the_same_captures_are_one(conditions):
         connect().delete_run(run.info.run_id)
 
 
+def test_a_condition_that_the_store_would_cut_off_is_refused_at_once():
+    people = " or ".join(f"subject == '{number}'" for number in range(500))
+    with pytest.raises(bench.InputError, match=f"where= has {len(people)} characters"):
+        bench.plans(where=people, model="bayes", **DATA)
+    short = " or ".join(f"subject == '{number}'" for number in range(1, 350))
+    assert 6000 < len(short) < 7900
+    made = bench.run(where=short, model="bayes", features="jung28", **DATA)
+    assert bench.choose(where=short).candidates.first["run_id"] == made["run_id"].item()
+
+
 def test_runs_on_the_same_captures_share_a_table_whatever_their_conditions():
     values = {"features": "jung28", **DATA}
     bench.run(model="bayes", where="subject != '5'", **values)

@@ -1,11 +1,13 @@
 """The store if locked, of another version or gone; kills and full disks: tests/nightly."""
 
 import errno
+import os
 import shutil
 import sqlite3
 from contextlib import closing
 from pathlib import Path
 
+import mlflow
 import pytest
 import sqlalchemy
 from alembic import command
@@ -242,6 +244,17 @@ def test_reading_needs_no_lock_and_one_of_another_user_is_named(capsys, monkeypa
     (line,) = capsys.readouterr().err.splitlines()
     owner = Path("mlflow.db.lock").owner()
     assert "mlflow.db.lock" in line and f"a file of {owner}" in line and "make it writable" in line
+
+
+@pytest.mark.parametrize("before", [None, "sqlite:///other.db"])
+def test_the_store_of_a_fit_is_set_for_the_fit_alone(before, tmp_path, monkeypatch):
+    """Otherwise a command in another folder would write into the former one."""
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", before or "")
+    if before is None:
+        monkeypatch.delenv("MLFLOW_TRACKING_URI")
+    with store.use_tracking_uri():
+        assert os.environ["MLFLOW_TRACKING_URI"] == mlflow.get_tracking_uri() == store.store_uri()
+    assert os.environ.get("MLFLOW_TRACKING_URI") == before
 
 
 def test_a_repeated_number_counts_by_its_step(monkeypatch):
