@@ -124,7 +124,9 @@ def _show_corpus(name: str, values: dict[str, str]) -> int:
 
 
 def _possible_protocol(corpus: Corpus) -> str:
-    """A protocol for which a corpus has enough subjects or captures; "" if there is none."""
+    """A protocol for which a corpus has enough gestures, subjects or captures, or ""."""
+    if len({*corpus.gestures}) < 2:
+        return ""
     if len({*corpus.subjects}) > 1:
         return "loso"
     fewest = int(np.unique(corpus.gestures, return_counts=True)[1].min())

@@ -6,9 +6,12 @@ import shutil
 from pathlib import Path
 
 import pandas as pd
+import pytest
 
 from bench.cli import main
+from bench.corpora.read.table import write_table
 from bench.grammar.options import load_commands
+from tests.conftest import random_corpus
 from tests.net.build import step
 from tests.net.commands import STEPS
 
@@ -25,6 +28,22 @@ def next_commands():
     ]
     every = [shlex.split(line) for lines in found for line in lines if line]
     return [*{tuple(word.split("=")[0] for word in words): words for words in every}.values()]
+
+
+@pytest.mark.parametrize("gestures", [1, 2])
+@pytest.mark.parametrize(("subjects", "captures"), [(1, 1), (1, 2), (2, 1)])
+def test_next_lines_of_small_corpora_work(subjects, captures, gestures, capsys):
+    corpus = random_corpus(subjects, captures, gestures=("pat", "rub")[:gestures], grid=(4, 4))
+    write_table(corpus, Path("small.csv"))
+    sensor = ["grid=4x4", "rate_hz=100", "full_scale=1023"]
+    words = ["data", "import", "table", "small.csv", "name=small", *sensor]
+    for _ in range(4):  # import, show, run, choose
+        assert main(words) == 0, (words, capsys.readouterr().err)
+        if not (named := NEXT.search(capsys.readouterr().out)):
+            break
+        words = shlex.split(named[1])
+    can_run = gestures == 2 and (subjects, captures) != (1, 1)
+    assert words[0] == ("fit" if can_run else "data")
 
 
 def test_next_lines_work(in_net, capsys):

@@ -17,7 +17,7 @@ from bench.errors import InputError
 from bench.store.client import connect
 from tests.conftest import predictions, random_corpus, runs
 from touchbench_builder import certificate, systems
-from touchbench_builder.build import _import_file
+from touchbench_builder.build import _import_file, _next_commands
 from touchbench_builder.folder import label_with_c
 
 TOOLS = [name for name in ("cc", "make", "c++") if shutil.which(name) is None]
@@ -144,7 +144,10 @@ def compare_new_people(capsys, digest):
         assert words in capsys.readouterr().err
     file = Path("robot/certificate.json")
     text = file.read_text()
-    for damaged in (text.replace('"mean": 0.', '"mean": 1.'), text.replace('"people"', '"folk"')):
+    for damaged in (
+        text.replace('"captures": 54', '"captures": 55'),
+        text.replace('"people"', '"folk"'),
+    ):
         assert damaged != text
         file.write_text(damaged)
         assert main(["build", "check", "robot", "data=newer"]) == 2
@@ -199,3 +202,8 @@ def test_the_c_is_linked_for_a_board_and_passes_its_test_in_an_emulator(capsys):
     assert "The budget of 1 kB for flash rules out" in line and "uno-r3" in line
     assert Path("robot/touch.c").exists()
     assert pd.DataFrame(facts["compared"])["flash"].notna().all()
+
+
+def test_a_check_is_proposed_if_the_certificate_has_people_enough():
+    check = "bench build check robot data=newpeople"
+    assert [check in _next_commands("robot", people) for people in (4, 5)] == [False, True]

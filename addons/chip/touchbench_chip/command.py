@@ -110,5 +110,5 @@ def export(arguments: list[str]) -> int:
         "make chip links for a Cortex-M4F with FLASH=256K RAM=32K; for another chip, append its "
         "sizes"
     )
-    print_next_commands(f"make -C {shlex.quote(str(out))} check flash")
+    print_next_commands(f"make -C {shlex.quote(str(out))} check")
     return 0
