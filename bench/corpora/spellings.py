@@ -18,9 +18,11 @@ NUMBERED = re.compile(r"([^\W\d]*)(\d+)")
 TITLES = (
     "id no nr number sub subj subject vp part participant person proband user class label gesture"
 ).split()
-NO_TOUCH = {"", "nan", "null", "none", "na", "<na>", "n/a", "0", "rest", "background", "idle"} | {
-    *("notouch", "nothing", "nogesture", "nolabel", "unlabeled", "unlabelled", "empty", "-1")
-}
+MISSING = {"", "nan", "null", "none", "na", "<na>", "n/a"}
+NO_TOUCH = set(
+    "0 -1 rest resting background idle notouch nocontact nothing nogesture nolabel unlabeled "
+    "unlabelled empty".split()
+)
 
 
 @lru_cache(10_000)
@@ -134,7 +136,26 @@ def unify_spellings(lists: Sequence[Collection[str]]) -> list[dict[str, str]]:
     return changes
 
 
-def is_no_touch(label: str) -> bool:
-    """True for words by which annotation tools label frames without touch."""
-    return reduce_name(label) in NO_TOUCH
+def find_background_words(labels: Collection[str]) -> set[str]:
+    """The labels that stand for no touch.
 
+    Words for a missing label always do, `rest`, `0` and the like only if no label is missing.
+    """
+    missing = {label for label in labels if reduce_name(label) in MISSING}
+    return missing or {label for label in labels if reduce_name(label) in NO_TOUCH}
+
+
+def background_doubts(counts: Mapping[str, int]) -> list[str]:
+    """A sentence for each label that may stand for no touch, with its number of frames."""
+    background, lines = find_background_words(counts), []
+    for label, count in sorted(counts.items()):
+        shown = f"label {label!r} ({count} frames)"
+        if label in background:
+            if label not in ("", "None", "none"):
+                lines.append(f"{shown} is read as background; if it is a gesture, rename it")
+        elif reduce_name(label) in NO_TOUCH:
+            lines.append(
+                f"{shown} is read as a gesture, as others are empty; if it stands for no touch, "
+                "empty these cells"
+            )
+    return lines

@@ -154,7 +154,7 @@ def compare_sides(first: Side, second: Side) -> Compared:
     first_rows, second_rows = (table.loc[both] for table in tables)
     _check_equal_captures(first.name, second.name, first_rows, second_rows)
     for column in ("subject", "truth"):
-        notes += spelling_doubts(column, first_rows[column].value_counts().to_dict())
+        notes += spelling_doubts(column, Counter(first_rows[column]))
     truths = {*first.rows["truth"], *second.rows["truth"]}
     notes += [note for side in sides for note in _foreign_notes(side, truths)]
     rows = [side.rows[side.rows["id"].isin(both)] for side in sides]
@@ -202,7 +202,7 @@ def _foreign_notes(side: Side, truths: set[str]) -> list[str]:
         InputError: one may be a truth, spelt differently, or none of the predictions is a truth.
     """
     counts: Counter[str] = Counter()
-    for label, count in side.rows["prediction"].value_counts().items():
+    for label, count in Counter(side.rows["prediction"]).items():
         for one in [label] if label in truths else label.split(" / "):  # of a tied vote
             counts[one] += count
     del counts[scores.ABSTAINED]

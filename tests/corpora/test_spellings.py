@@ -5,8 +5,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.corpora.spellings import (
+    background_doubts,
+    find_background_words,
     find_same_names,
-    is_no_touch,
     known_spelling,
     may_be_same,
     unify_spellings,
@@ -92,4 +93,13 @@ def test_lists_are_unified_under_the_first_spelling_and_no_list_is_merged_within
 
 @pytest.mark.parametrize("word", "0 0.0 NaN NULL none Rest - idle <NA> N/A background".split())
 def test_words_for_no_touch(word):
-    assert is_no_touch(word) and not is_no_touch(f"{word}tap")
+    assert find_background_words(["tap", word]) == {word}
+    assert find_background_words(["tap", f"{word}x7"]) == set()
+    if word in ("0", "Rest", "idle"):
+        assert find_background_words(["tap", word, ""]) == {""}
+        (line,) = background_doubts({"tap": 5, word: 3, "": 9})
+        assert "(3 frames) is read as a gesture" in line
+    else:
+        assert word == "none" or background_doubts({word: 3}) == [
+            f"label {word!r} (3 frames) is read as background; if it is a gesture, rename it"
+        ]

@@ -124,6 +124,20 @@ def test_the_same_as_parquet_with_gaps_and_without_names(tmp_path):
     ]  # whole numbers are gestures
 
 
+@pytest.mark.parametrize("word", ["0", "nan", "NULL", "rest", "Idle", "background", "-"])
+def test_another_word_for_background_is_read_as_an_empty_label_with_a_word(tmp_path, word):
+    labels = ["", "pat", "pat", "", "rub", ""]
+    empty = read_captures(write_csv(tmp_path, [f"r1,ann,{n},1,2" for n in labels]), 50.0, "1x2")
+    lines = [f"r1,ann,{label or word},1,2" for label in labels]
+    found = read_captures(write_csv(tmp_path, lines), 50.0, "1x2")
+    pd.testing.assert_frame_equal(found.captures, empty.captures)
+    (warning,) = found.info["warnings"]
+    assert warning.startswith(f"label {word!r} (3 frames) is read as background")
+    if word == "rest":
+        both = read_captures(write_csv(tmp_path, [*lines, "r1,ann,,1,2"]), 50.0, "1x2")
+        assert "rest" in both.gestures and "is read as a gesture" in both.info["warnings"][0]
+
+
 def test_files_that_are_refused(tmp_path):
     for label in ("\u200b", "pat\u200b", "pa\xadt", "\u202epat"):  # labels that look the same
         lines = ["r1,ann,,1,2", f"r1,ann,{label},1,2"]

@@ -11,6 +11,7 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.read.limits import check_file, file_name, one_line, quote_text, shorten
 from bench.corpora.read.rows import Table, categories_as_text, differs_from_previous
 from bench.corpora.read.table import check_scales, describe_source, parse_grid, read_table_rows
+from bench.corpora.spellings import background_doubts
 from bench.errors import InputError
 from touchbench_streams.recordings import Recordings, cut_into_captures, find_events
 
@@ -20,11 +21,12 @@ KNOWN_COLUMNS = ["label", "recording", "subject", "gesture", "frame"]
 def read(path: Path, rate_hz: float, grid: str, full_scale: float = 1023.0) -> Corpus:
     """Read continuous recordings, with one row per frame.
 
-    Each row has a ``label``: a gesture; nothing, ``None`` or ``none`` for background; or ``?`` for
-    a doubtful frame. Each run of equal labels is an event. Columns ``recording`` and ``subject``
-    are optional; a new recording begins where one of them changes. A column ``frame`` is optional,
-    too; if there is one, it must increase by one within a recording. Other columns are conditions
-    and stay the same within a recording. Channels are read as in `bench.corpora.read.table.read`.
+    Each row has a ``label``: a gesture; nothing for background; or ``?`` for a doubtful frame.
+    Words such as ``nan`` stand for background, too; ``0`` and ``rest`` do if no label is empty.
+    Each run of equal labels is an event. Columns ``recording`` and ``subject`` are optional; a new
+    recording begins where one of them changes. A column ``frame`` is optional, too; if there is
+    one, it must increase by one within a recording. Other columns are conditions and stay the same
+    within a recording. Channels are read as in `bench.corpora.read.table.read`.
 
     Args:
         path: the file.
@@ -53,6 +55,7 @@ def read(path: Path, rate_hz: float, grid: str, full_scale: float = 1023.0) -> C
             f"{file_name(path)}: label names the gesture of each frame; delete the column gesture"
         )
     gestures = _labels_as_text(labels.pop("label"), file_name(path))
+    warnings = [*warnings, *background_doubts(pd.Series(gestures).value_counts().to_dict())]
     rows.check_filled()
     if "subject" not in labels:
         labels["subject"] = "1"

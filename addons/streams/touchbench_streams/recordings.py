@@ -15,10 +15,10 @@ import pandas as pd
 
 from bench.corpora.corpus import Corpus, shared_frames
 from bench.corpora.library import ASIDE, UNTAUGHT
+from bench.corpora.spellings import find_background_words
 from bench.errors import InputError
 
 COLUMNS = ("recording", "start", "end", "gesture")
-BACKGROUND = ("", "None", "none")  # labels of frames outside events
 GAP = "background"  # class of the captures between events; no gesture
 DOUBT = "?"  # label of frames that count neither as touch nor as background
 RECORDINGS = "recordings"  # key of the corpus's info: the first capture of each recording
@@ -87,12 +87,13 @@ def find_events(labels: np.ndarray, lengths: np.ndarray) -> pd.DataFrame:
     """The table of `Recordings`: a row for each run of equal labels within a recording.
 
     Args:
-        labels: gesture of each frame; ``""``, None, ``"None"`` or ``"none"`` for background;
-            object [frames].
+        labels: gesture of each frame; None, ``""`` or another word for background
+            (`bench.corpora.spellings.find_background_words`); object [frames].
         lengths: number of frames of each recording, at least 1, int64 [recordings].
     """
     column = pd.Series(np.asarray(labels, dtype=object), dtype=object)
-    codes, gestures = pd.factorize(column.mask(column.isin(BACKGROUND)))  # -1 for background
+    background = find_background_words(column.dropna().unique().tolist())
+    codes, gestures = pd.factorize(column.mask(column.isin(background)))  # -1 for background
     firsts = np.cumsum(lengths) - lengths
     changes = np.append(True, codes[1:] != codes[:-1])[: len(codes)]
     changes[firsts] = True
