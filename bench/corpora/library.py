@@ -200,6 +200,11 @@ def import_digests(data: str) -> str:
         return ""
 
 
+def captures_digest(corpus: Corpus) -> str:
+    """Digest of the positions of captures in their corpus: equal for equal subsets."""
+    return hashlib.sha256(corpus.index.tobytes()).hexdigest()
+
+
 def find_corpus_damage(name: str) -> dict[str, str]:
     """Read all files of an imported corpus, or of all generated ones.
 

@@ -20,7 +20,7 @@ import pandas as pd
 from bench import contract
 from bench.corpora.corpus import Corpus, reserved_names, untrained_classes
 from bench.corpora.duplicates import excluding_condition, leaked_captures, repeated_groups
-from bench.corpora.library import UNTAUGHT, import_digests, open_corpus
+from bench.corpora.library import UNTAUGHT, captures_digest, import_digests, open_corpus
 from bench.errors import InputError
 from bench.ground.typed import quote_value
 from bench.plan.cells import Cell
@@ -250,11 +250,6 @@ def load_captures(data: str, parameters: dict[str, object], where: str, target: 
     corpus = open_corpus(data, parameters)
     corpus = corpus.select(where) if where else corpus
     return corpus if target == "gesture" else corpus.with_target(target)
-
-
-def captures_digest(corpus: Corpus) -> str:
-    """Digest of the positions of captures in their corpus: equal for equal subsets."""
-    return hashlib.sha256(corpus.index.tobytes()).hexdigest()
 
 
 def make_folds(cell: Cell, corpus: Corpus) -> list[Fold]:

@@ -6,10 +6,10 @@ import json
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
-from bench.corpora.library import import_digests
+from bench.corpora.library import captures_digest, import_digests, open_corpus
 from bench.errors import InputError
-from bench.plan.grid import expand_corpus_parameters
-from bench.plan.plan import captures_digest, load_captures
+from bench.ground.registry import parameter_defaults
+from bench.ground.typed import parse_value
 from bench.values.result import CAPTURES_TAG, IMPORTS_TAG, SINCE_TAG, Result
 
 Key = tuple[str, str, str]  # corpus, its digest, digest of the chosen captures
@@ -75,10 +75,16 @@ def _select_key(run: Mapping[str, Any], condition: str) -> Key | None:
     """Identity of the captures that a condition selects in the corpus of a run, as it is now."""
     data = str(run["data"])
     arguments = json.loads(run.get("touchbench.arguments") or "{}")
-    typed = {key: value for key, value in arguments.items() if key.startswith("data.")}
+    parameters: dict[str, Any] = {}
+    if data == "synth":
+        from bench.corpora.synth import generate  # which imports scipy.signal
+
+        for key, default in parameter_defaults(generate).items():
+            typed = arguments.get(f"data.{key}")
+            parameters[key] = default if typed is None else parse_value(key, typed, default)
     try:
-        parameters = expand_corpus_parameters(typed, data, [data])[0]
-        corpus = load_captures(data, parameters, condition.removeprefix("all"), "gesture")
+        corpus = open_corpus(data, parameters)
+        corpus = corpus if condition == "all" else corpus.select(condition)
     except InputError:  # it is not imported, or has no such captures
         return None
     return data, corpus.digest, captures_digest(corpus)

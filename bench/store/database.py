@@ -142,8 +142,11 @@ def has_experiment(path: Path, name: str) -> bool:
         return False
     if not (schema := find_schema(path)) or is_outdated(schema):
         return False
+    from mlflow.store.tracking.dbmodels.models import SqlExperiment
+
     with query_database(path) as file:
-        found = file.execute("SELECT 1 FROM experiments WHERE name = ?", [name])
+        table = SqlExperiment.__tablename__
+        found = file.execute(f"SELECT 1 FROM {table} WHERE name = ?", [name])
         return found.fetchone() is not None
 
 
