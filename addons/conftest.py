@@ -1,4 +1,4 @@
-"""What tests of add-ons share: the fixtures of the core's tests, with all add-ons that are installed; golden files."""
+"""Fixtures for the tests of add-ons; those of the core, by path."""
 
 import pytest
 

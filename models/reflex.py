@@ -28,19 +28,21 @@ class Reflex(MostProbable):
     """Linear discriminants on windows of 1 s, and a small network for out-of-distribution windows.
 
     1. *Repair*: stuck and dead taxels are detected in the capture's own past and filled from their
-    neighbours. 2. *Windows* of 1 s, one every 0.5 s. A capture shorter than 1 s is cut into windows
-    of 0.5 s, one every 0.25 s. 3. *Features*: `bench.features.touch`, rates and shares that mean
-    the same on every grid and at every rate. 4. *Discriminants* (`bench.models.classic.lda`),
-    trained on undamaged windows. The covariance between captures
-       counts twice, since two or more windows decide on most captures.
+       neighbours.
+    2. *Windows* of 1 s, one every 0.5 s. A capture shorter than 1 s is cut into windows of 0.5 s,
+       one every 0.25 s.
+    3. *Features*: `bench.features.touch`, rates and shares that mean the same on every grid and at
+       every rate.
+    4. *Discriminants* (`bench.models.classic.lda`), trained on undamaged windows. The covariance
+       between captures counts twice, since two or more windows decide on most captures.
     5. *Doubt* (`bench.models.out_of_distribution`): features beyond 2.5 SDs of training shift the
-    decision to a network
-       of 18 units (`classic.perceptron`), wholly from 3 % of them on. It is trained on every
-       capture and on eight damaged copies of it, each by a random fault and severity, with equal
-       weights. This costs little without faults, as few features of undamaged captures are that far
-       from the mean.
+       decision to a network of 18 units (`classic.perceptron`), wholly from 3 % of them on. It is
+       trained on every capture and on eight damaged copies of it, each by a random fault and
+       severity, with equal weights. This costs little without faults, as few features of undamaged
+       captures are that far from the mean.
     6. Short windows have discriminants alone, trained with three damaged copies that count a tenth
-    each. 7. A capture's probabilities are the mean over its windows.
+       each.
+    7. A capture's probabilities are the mean over its windows.
 
     Every number above was chosen on the training part of HAART's challenge split, leaving out its
     subjects one by one, or is round, except the 18 units, with which the system fits into 64 kB

@@ -69,7 +69,7 @@ def fault_ranks(results: Sequence[Result], losses: Sequence[Mapping[str, float]]
     for r, lost in zip(results, losses, strict=True):
         under_faults = {fault: r["accuracy"] - points for fault, points in lost.items()}
         columns[r.system_with_seed] = {"clean": r["accuracy"]} | under_faults
-    accuracies = pd.DataFrame(columns).round(9)
+    accuracies = pd.DataFrame(columns).dropna().round(9)  # faults that each system was tested under
     if len(accuracies) < 2 or len(results) < 2:
         return Table((), ())
     clean = accuracies.loc["clean"]

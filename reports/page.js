@@ -148,7 +148,7 @@
     const differences = shared.map(i => one.scores[i] - two.scores[i]);
     const mean = differences.reduce((a, b) => a + b, 0) / differences.length, test = pairTest(group, one, two);
     const p = test && (test.p < 0.001 ? "< 0.001" : `= ${test.p.toFixed(3)}`), people = several(differences.length, "subject");
-    const words = test ? `95 % interval [${signed(test.low)}, ${signed(test.high)}], p ${p} (both by the paired two-sided Wilcoxon test over ${people}; not corrected).` : differences.length < 6 ? `${people}: too few for a test.` : "The page has no test of these two; it tests the most accurate systems.";
+    const words = test ? `95 % interval [${signed(test.low)}, ${signed(test.high)}], p ${p} (both by the paired two-sided Wilcoxon test over ${people}; not corrected).` : differences.length < 6 ? `${people}: too few for a test.` : "The page has no test of these two; it tests whole captures of the most accurate systems.";
     const named = sign => shared.filter((_, i) => sign * differences[i] > NEAR).map(i => group.people[i]).sort((a, b) => a.localeCompare(b, undefined, {numeric: true}));
     const listed = names => `${several(names.length, "subject")}${names.length ? ` (${names.join(", ")})` : ""}`;
     group.pair.append(element("h3", {}, `${one.name} and ${two.name}`),

@@ -85,7 +85,7 @@ class Part:
 
     @property
     def short_name(self) -> str:
-        """The name without the folder of its file; behind the file's if a registered part has it."""
+        """The name without its folder; after the file's name if a registered part has this name."""
         file, _, name = self.name.rpartition(":")
         if self.instance is not None or not file:
             return self.name

@@ -57,9 +57,10 @@ def read_table(
             table = opened.read(use_threads=False, use_pandas_metadata=True)
             return table.to_pandas(use_threads=False)
     except Exception as e:  # pandas and pyarrow raise a dozen types for damaged files
-        raise InputError(
-            f"{name} of {run} cannot be read, {file} is damaged; {HOW_TO_RESTORE}"
-        ) from e
+        place = (
+            f"{file} is damaged; {HOW_TO_RESTORE}" if isinstance(file, Path) else "it is damaged"
+        )
+        raise InputError(f"{name} of {run} cannot be read, {place}") from e
 
 
 def as_stored(table: pd.DataFrame) -> pd.DataFrame:

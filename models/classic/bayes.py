@@ -68,7 +68,7 @@ class GaussianBayes(MostProbable):
 
 
 def bayes(features: TransformerMixin, ridge: float = 1e-2) -> Pipeline:
-    """Gaussian with a full covariance and prior for each class, on standardised features.
+    """Gaussian with covariance and prior for each class, on features standardised in training.
 
     Several of the 54 features of Jung et al. 2017 are linear combinations of others, so a class
     covariance is singular. The papers do not say how they dealt with this; a ridge is our reading.

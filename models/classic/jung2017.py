@@ -60,9 +60,7 @@ def jung2017_svm_rbf(inner: str = "3") -> Search:
 
 
 def jung2017_nn(seed: int = 0) -> Pipeline:
-    """Network of 54 and 27 units on features scaled to -1..1, the best of five runs.
-
-    Early stopping holds out 30 % of the training captures.
+    """Network of 54 and 27 units on -1..1, best of five runs, stopped on 30 % of the captures.
 
     Adam stands in for the paper's Levenberg-Marquardt.
     """

@@ -189,7 +189,7 @@ def mean_by_code(
 def lda(
     features: TransformerMixin, shrinkage: float = 0.2, windows: float = 1.0, damaged: float = 1.0
 ) -> Pipeline:
-    """Linear discriminants: Gaussian classes with one covariance, shrunk towards the identity.
+    """Linear discriminants: one covariance, shrunk towards a multiple of the identity.
 
     Features are standardised on the training captures. All classes have the same prior.
 

@@ -47,7 +47,7 @@ class PrunedTree(MostProbable):
 
 
 def tree(features: TransformerMixin, level: int = 10, seed: int = 0) -> Pipeline:
-    """Decision tree (CART, Gini impurity) on the raw features, pruned by cost-complexity.
+    """Decision tree (CART, Gini) on raw features, grown in full and pruned by cost-complexity.
 
     Args:
         features: transformer from captures to a table.

@@ -7,5 +7,5 @@ from bench.models.classic.mlp import mlp
 
 
 def wingerden2014_mlp(seed: int = 0) -> Pipeline:
-    """One hidden layer on standardised features, early stopping on 15 %; training is ours."""
+    """One hidden layer on standardised features, stopped on 15 % of the captures; ours."""
     return mlp(Wingerden45(), "46", held=0.15, runs=1, scaling="z", seed=seed)

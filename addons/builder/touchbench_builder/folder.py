@@ -48,6 +48,9 @@ def check_build_folder(out: Path, replaces: bool) -> Path:
         raise InputError(
             "bench build needs cc and make, which are not installed; on Debian, install gcc make"
         )
+    earlier = _earlier_build(out)
+    if earlier.is_dir():  # a command was killed between two names
+        remove_path(earlier) if out.exists() else earlier.rename(out)
     if not (out / CERTIFICATE).is_file():
         return check_empty_folder(out)
     if not replaces:
@@ -56,6 +59,11 @@ def check_build_folder(out: Path, replaces: bool) -> Path:
             "folder"
         )
     return out
+
+
+def _earlier_build(out: Path) -> Path:
+    """Place of an earlier build until the new one has its name."""
+    return out.absolute().with_name(f".{out.name}.earlier")
 
 
 def write_build(out: Path, recogniser: Recogniser, facts: dict[str, Any], corpus: Corpus) -> None:
@@ -81,7 +89,9 @@ def write_build(out: Path, recogniser: Recogniser, facts: dict[str, Any], corpus
             for path in folder.iterdir():
                 shutil.copyfile(path, complete / path.name)
             if out.exists():
-                remove_path(out)
+                out.rename(_earlier_build(out))
+        if _earlier_build(out).exists():
+            remove_path(_earlier_build(out))
 
 
 def _write_texts(folder: Path, texts: Mapping[str, str]) -> None:
