@@ -76,9 +76,10 @@ class Recipe(MostProbable):
         if self.hop and not self.window:
             raise InputError(f"model.hop={self.hop:g} needs model.window=")
         system = self.system
-        has_windows = contract.decides_often(system) or contract.window_frames(system, 1.0)
-        advice = "0, as the system cuts its own windows"
-        check_value("model.window", self.window, not (self.window and has_windows), advice)
+        if self.window:
+            has_windows = contract.decides_often(system) or contract.window_frames(system, 1.0)
+            advice = "0, as the system cuts its own windows"
+            check_value("model.window", self.window, not has_windows, advice)
         check_value("model.bits", self.bits, self.bits in BITS, "32 or 8")
         is_plain = type(system) in PLAIN_PIPELINES
         is_supported = self.bits == 32 or (is_plain and can_quantise(system.steps[-1][1]))

@@ -12,6 +12,7 @@ from bench.errors import InputError
 from bench.grammar.options import (
     RUN_KEYS,
     executor_keys,
+    key_options,
     make_executor,
     parse_arguments,
     typed_settings,
@@ -36,17 +37,19 @@ from bench.store.client import connect
 from bench.values.result import format_count
 
 
-def command(values: Values) -> int:
+def command(arguments: list[str]) -> int:
     """Compare with the baseline, or write it; exit code 1 on an alarm, or if a run failed.
 
-    An error that prevents the comparison is written to the JUnit file too: the file of the last
-    check may say that all is well.
+    An error that prevents the comparison, such as a mistyped key, is written to the JUnit file too:
+    the file of the last check may say that all is well.
     """
     try:
-        return _check_or_update(values)
+        return _check_or_update(parse_arguments(arguments, key_options("check", arguments)))
     except BaseException as e:
-        if junit := values.get("junit"):
-            _write_file("junit", Path(str(junit)), gate.refusal_xml(f"{type(e).__name__}: {e}"))
+        for argument in arguments:
+            key, _, path = argument.partition("=")
+            if key == "junit" and path:
+                _write_file("junit", Path(path), gate.refusal_xml(f"{type(e).__name__}: {e}"))
         raise
 
 

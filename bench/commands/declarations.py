@@ -337,6 +337,7 @@ CHECK = Command(
     "10 %. Keys of bench run select systems of the baseline.",
     "bench check update=yes data=haart model=svm,rf features=jung54\n"
     "bench check junit=check.xml slower=3",
+    takes_words=True,
     options=(
         *RUN_OPTIONS,
         Option("baseline", "text", "reports/baseline.json", "baseline file"),

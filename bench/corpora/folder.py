@@ -1,8 +1,9 @@
 """Stored corpora: a folder each in the user's data folder, checked and mapped when it is opened.
 
 ``frames.npy``, ``lengths.npy`` and ``captures.parquet`` hold the corpus. ``corpus.json`` holds the
-rest and, under ``info.stored``, size and SHA-256 of each file and a checksum of itself; it never
-changes. ``seal.json`` holds size, times and inode of ``frames.npy`` when it was last hashed.
+rest and, under ``info.stored``, the name of the folder, size and SHA-256 of each file and a
+checksum of itself; it never changes. ``seal.json`` holds size, times and inode of ``frames.npy``
+when it was last hashed.
 
 Small files are hashed at each opening, frames only if they look different. This finds damage and
 accidental changes, not forgery: who can write into the folder can store another corpus there.
@@ -14,6 +15,7 @@ import copyreg
 import hashlib
 import json
 import os
+import stat
 from contextlib import suppress
 from pathlib import Path
 
@@ -26,6 +28,13 @@ from bench.ground.scratch import data_folder, hold_path
 
 FILES = ("frames.npy", "lengths.npy", "captures.parquet")
 FIELDS = ("name", "digest", "rate_hz", "full_scale", "info")  # in corpus.json
+MOST_BYTES = 1 << 24  # of a small file
+
+
+class DamagedCorpus(InputError):
+    """A stored corpus is not what was stored."""
+
+    defect = ""  # in a few words, for a table of files
 
 
 def content_digest(corpus: Corpus) -> str:
@@ -64,7 +73,8 @@ def write_folder(corpus: Corpus, folder: Path, digest: str = "") -> None:
         corpus.captures.to_parquet(new / "captures.parquet", index=False)
         fields = {name: getattr(corpus, name) for name in FIELDS} | {"digest": digest}
         files = {name: ((new / name).stat().st_size, _hash_file(new / name)) for name in FILES}
-        contents = json.dumps([fields, {"files": files}], default=np.generic.item)
+        stored = {"folder": folder.name, "files": files}
+        contents = json.dumps([fields, stored], default=np.generic.item)
         fields, stored = json.loads(contents)
         fields["info"]["stored"] = stored | {"sum": _checksum(fields, stored)}
         (new / "corpus.json").write_text(json.dumps(fields, indent=1))
@@ -83,7 +93,7 @@ def open_folder(folder: Path) -> Corpus:
     """Map a stored corpus.
 
     Raises:
-        InputError: a file is missing, or differs from what was stored.
+        DamagedCorpus: a file is missing, or differs from what was stored.
     """
     fields, files = _read_fields(folder)
     sealed = _is_sealed(folder, files["frames.npy"][1])
@@ -109,9 +119,9 @@ def find_damage(folder: Path) -> dict[str, str]:
     """
     try:
         _, files = _read_fields(folder)
-    except InputError:
-        defect = "cannot be read or differs from what was stored"
-        return {"corpus.json": defect} | dict.fromkeys(FILES, "cannot be checked without it")
+    except DamagedCorpus as e:
+        unchecked = "cannot be checked without corpus.json"
+        return {"corpus.json": e.defect} | dict.fromkeys(FILES, unchecked)
     defects = {"corpus.json": ""}
     defects |= {name: _find_defect(folder / name, *file) for name, file in files.items()}
     if defects["frames.npy"]:  # without a seal they are hashed, however the file looks
@@ -120,10 +130,26 @@ def find_damage(folder: Path) -> dict[str, str]:
     return defects
 
 
-def damaged_error(folder: Path, defect: str) -> InputError:
+def damaged_error(folder: Path, defect: str) -> DamagedCorpus:
     """The error of opening a damaged corpus."""
     reason = f"was changed or damaged ({defect}); import it again"
-    return InputError(f"{one_line(folder, 150)} {reason}")
+    error = DamagedCorpus(f"{one_line(folder, 150)} {reason}")
+    error.defect = defect
+    return error
+
+
+def read_small_file(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
+    """Read a plain file that should be small.
+
+    Raises:
+        OSError: it is missing, larger, or no plain file, such as a pipe, which would wait.
+    """
+    status = path.stat()
+    if not stat.S_ISREG(status.st_mode):
+        raise OSError(f"{path.name} is no plain file")
+    if status.st_size > most_bytes:
+        raise OSError(f"{path.name} has {status.st_size} bytes")
+    return path.read_bytes()
 
 
 def _is_stored(folder: Path, digest: str) -> bool:
@@ -138,13 +164,16 @@ def _is_stored(folder: Path, digest: str) -> bool:
 def _read_fields(folder: Path) -> tuple[dict, dict[str, list]]:
     """Contents of ``corpus.json``, and size and SHA-256 of the other files by name."""
     try:
-        fields = json.loads((folder / "corpus.json").read_bytes())
+        fields = json.loads(read_small_file(folder / "corpus.json"))
         stored = fields["info"].pop("stored")
         unchanged = stored.pop("sum") == _checksum(fields, stored)
-    except (OSError, ValueError, TypeError, KeyError) as e:
+    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError) as e:
         raise damaged_error(folder, "corpus.json cannot be read") from e
     if not unchanged:
         raise damaged_error(folder, "corpus.json differs from what was stored")
+    written_for = stored.get("folder", folder.name)  # one version stored none
+    if written_for != folder.name:
+        raise damaged_error(folder, f"corpus.json was written for {written_for[:40]}")
     return fields, stored["files"]
 
 
@@ -165,8 +194,9 @@ def _write_seal(folder: Path, sha256: str) -> None:
 def _is_sealed(folder: Path, sha256: str) -> bool:
     """True if the frames look as they did when they were last hashed."""
     try:
-        return json.loads((folder / "seal.json").read_bytes()) == _make_seal(folder, sha256)
-    except (OSError, ValueError):  # a kill may leave half a seal
+        seal = json.loads(read_small_file(folder / "seal.json"))
+        return seal == _make_seal(folder, sha256)
+    except (OSError, ValueError, RecursionError):  # a kill may leave half a seal
         return False
 
 

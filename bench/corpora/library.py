@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import inspect
 import json
+import os
 import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -20,10 +21,12 @@ from filelock import FileLock
 
 from bench.corpora.corpus import Corpus
 from bench.corpora.folder import (
+    DamagedCorpus,
     content_digest,
     damaged_error,
     find_damage,
     open_folder,
+    read_small_file,
     write_folder,
 )
 from bench.errors import InputError, one_line, suggest_names
@@ -180,12 +183,15 @@ def open_imported(name: str) -> Corpus:
 
 def _imported_folder(name: str) -> Path:
     """Folder of an imported corpus, which its file ``current`` names."""
-    if name not in imported_names():
+    folder = data_folder() / "corpora" / name
+    if not re.fullmatch(NAME, name) or not os.path.lexists(folder / "current"):
         names = one_line(suggest_names(name[:60], ["synth", *imported_names()]), 150)
         advice = "Import it with: bench data import ..."
         raise InputError(f"data={name[:60]}: not imported; {names}. {advice}")
-    folder = data_folder() / "corpora" / name
-    digest = (folder / "current").read_bytes().decode(errors="replace").strip()
+    try:
+        digest = read_small_file(folder / "current", 100).decode(errors="replace").strip()
+    except OSError as e:
+        raise damaged_error(folder, "current cannot be read") from e
     if not re.fullmatch("[0-9a-f]{16}", digest):
         raise damaged_error(folder, "current names no corpus")
     return folder / digest
@@ -195,7 +201,8 @@ def import_digests(data: str) -> str:
     """Digests of imported corpora, joined by +, as they are now; "" unless all are imported."""
     files = [data_folder() / "corpora" / name / "current" for name in data.split("+")]
     try:
-        return "+".join(file.read_text(errors="replace").strip() for file in files)
+        digests = [read_small_file(file, 100).decode(errors="replace") for file in files]
+        return "+".join(digest.strip() for digest in digests)
     except (OSError, ValueError):
         return ""
 
@@ -211,19 +218,37 @@ def find_corpus_damage(name: str) -> dict[str, str]:
     Returns:
         The defect of each file by name, ``""`` for none.
     """
-    if name != "synth":
-        return {"current": ""} | find_damage(_imported_folder(name))
+    if "+" in name:
+        raise InputError(f"bench data verify {name[:100]}: give one corpus at a time")
+    if name == "synth":
+        return _find_generated_damage()
+    try:
+        folder = _imported_folder(name)
+    except DamagedCorpus as e:
+        return {"current": e.defect}
+    defects = {"current": ""} | find_damage(folder)
+    if not any(defects.values()):
+        try:
+            open_imported(name)
+        except DamagedCorpus as e:  # such as a copied folder
+            defects["corpus.json"] = e.defect
+    return defects
+
+
+def _find_generated_damage() -> dict[str, str]:
+    """The defect of each file of all generated corpora."""
     defects = {}
     for folder in sorted((data_folder() / "corpora" / "synth").glob("[0-9a-f]*")):
-        for file, defect in find_damage(folder).items():
-            defects[f"{folder.name}/{file}"] = defect
+        if folder.is_dir():
+            for file, defect in find_damage(folder).items():
+                defects[f"{folder.name}/{file}"] = defect
     return defects
 
 
 def imported_names() -> list[str]:
     """Names of the imported corpora, sorted."""
     pointers = (data_folder() / "corpora").glob("*/current")
-    names = [pointer.parent.name for pointer in pointers if pointer.is_file()]
+    names = [pointer.parent.name for pointer in pointers if pointer.exists()]
     return sorted(name for name in names if re.fullmatch(NAME, name))
 
 

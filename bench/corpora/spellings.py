@@ -156,6 +156,6 @@ def background_doubts(counts: Mapping[str, int]) -> list[str]:
         elif reduce_name(label) in NO_TOUCH:
             lines.append(
                 f"{shown} is read as a gesture, as others are empty; if it stands for no touch, "
-                "empty these cells"
+                "leave these labels empty"
             )
     return lines

@@ -32,7 +32,7 @@ class Command:
     text: str  # a paragraph
     examples: str = ""  # lines that can be typed
     usage: str = "[key=value ...]"  # arguments after its name; a line for each form
-    takes_words: bool = False  # words may precede its keys: its function parses all arguments
+    takes_words: bool = False  # its function parses all arguments, as of words before keys
     options: tuple[Option, ...] = ()  # its keys; packages and circumstances add others
     budgets: str = ""  # budgets that are keys too: ``all``, or only those of ``captures``
     # of a package's command: module with a function of its name, which takes the arguments

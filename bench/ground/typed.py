@@ -156,7 +156,8 @@ def parse_value(key: str, value: object, example: object) -> Any:
         return None
     if text == "None" and isinstance(example, tuple):
         raise InputError(f"{key}=None: give a value such as {example!r}")
-    example = 0 if example is None else example
+    is_optional = example is None
+    example = 0 if is_optional else example
     is_seed = key.endswith("seed")
     fitting = (reader for kind, reader in READERS.items() if isinstance(example, kind))
     kind_words, read = next(fitting, READERS[str])
@@ -166,12 +167,12 @@ def parse_value(key: str, value: object, example: object) -> Any:
             raise ValueError(key)
     except (ValueError, KeyError) as e:
         advice = kind_words
-        if example is None:
+        if is_optional:
             advice += " or None"
         elif is_seed:
             advice += " from 0 on"
         if not isinstance(example, bool):
-            shown = 2 if example in (None, 0) and not is_seed else example
+            shown = 2 if example == 0 and not is_seed else example
             advice += f", such as {shown}"
         raise InputError(f"{key}={text[:60]}: give {advice}") from e
     largest = LARGEST_SEED if is_seed else LARGEST_INTEGER

@@ -57,9 +57,10 @@ def seconds_metrics(name: str, times: Times, cpu_ms: float) -> dict[str, float]:
 
 def memory_metrics(system: contract.System, corpus: Corpus) -> dict[str, float]:
     """Measure the sizes of a fitted system, and the memory peak since `reset_peak_memory`."""
+    peak = peak_memory()  # before sizes are counted, which takes memory, too
     taxels = corpus.grid[0] * corpus.grid[1]
     sizes = measure_sizes(system, taxels, int(corpus.lengths.max()))
-    return {"peak_rss_bytes": peak_memory(), **sizes}
+    return {"peak_rss_bytes": peak, **sizes}
 
 
 def reset_peak_memory() -> None:

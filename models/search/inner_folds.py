@@ -66,7 +66,7 @@ class FoldInputs:
     ) -> None:
         self.features = {name: clone(part) for name, part in features.items()}
         self.X, self.y, self.folds = X, np.asarray(y), folds
-        self._tables: dict[tuple[str, int], pd.DataFrame] = {}
+        self._tables: dict[tuple[str, int, int], pd.DataFrame] = {}
 
     def load_input(self, name: str | None, fold: int, side: int) -> Corpus | pd.DataFrame:
         """Input of fitting (side 0) or judging (side 1): features by name, or captures."""
@@ -74,10 +74,13 @@ class FoldInputs:
         if not name:
             return self.X[rows]
         features = self.features[name]
-        learns = contract.learns(features)
-        key = name, fold if learns else 0
-        if key not in self._tables:
-            train = self.folds[fold][0] if learns else slice(None)
+        if not contract.learns(features):
+            if (name, 0, 0) not in self._tables:
+                self._tables[name, 0, 0] = features.fit(self.X, self.y).transform(self.X)
+            return self._tables[name, 0, 0].iloc[rows]
+        if (name, fold, side) not in self._tables:
+            train, judged = self.folds[fold]
             fitted = features.fit(self.X[train], self.y[train])
-            self._tables[key] = fitted.transform(self.X)
-        return self._tables[key].iloc[rows]
+            for part, captures in enumerate((train, judged)):  # each without the other's captures
+                self._tables[name, fold, part] = fitted.transform(self.X[captures])
+        return self._tables[name, fold, side]

@@ -135,3 +135,9 @@ def test_a_check_that_comes_to_no_verdict_leaves_no_green_file(capsys):
     baseline.write_bytes(b"\xef\xbb\xbf" + baseline.read_bytes())  # as some editors write it
     system.write_text(good)
     assert main(check) == 0
+
+
+def test_a_mistyped_key_leaves_no_green_file():
+    Path("check.xml").write_text("green")
+    assert main(["check", "junit=check.xml", "modle=svm"]) == 2
+    assert "no key is called" in Path("check.xml").read_text(encoding="utf-8")
