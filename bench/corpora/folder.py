@@ -24,7 +24,7 @@ import pandas as pd
 
 from bench.corpora.corpus import Corpus, unblind
 from bench.errors import InputError, one_line
-from bench.ground.scratch import data_folder, hold_path
+from bench.ground.scratch import data_folder, hold_path, remove_path
 
 FILES = ("frames.npy", "lengths.npy", "captures.parquet")
 FIELDS = ("name", "digest", "rate_hz", "full_scale", "info")  # in corpus.json
@@ -188,7 +188,10 @@ def _make_seal(folder: Path, sha256: str) -> list:
 
 
 def _write_seal(folder: Path, sha256: str) -> None:
-    (folder / "seal.json").write_text(json.dumps(_make_seal(folder, sha256)))
+    seal = folder / "seal.json"
+    if os.path.lexists(seal) and (seal.is_symlink() or not seal.is_file()):
+        remove_path(seal)  # a pipe would wait
+    seal.write_text(json.dumps(_make_seal(folder, sha256)))
 
 
 def _is_sealed(folder: Path, sha256: str) -> bool:

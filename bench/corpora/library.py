@@ -12,12 +12,13 @@ import inspect
 import json
 import os
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
-from filelock import FileLock
+from filelock import FileLock, Timeout
 
 from bench.corpora.corpus import Corpus
 from bench.corpora.folder import (
@@ -59,7 +60,44 @@ def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus:
     if name == "synth":
         raise InputError("name=synth is the generated corpus; choose another name")
     reader = load_part("corpora", kind)
-    arguments = _reader_arguments(kind, reader, options)
+    arguments = _reader_arguments(kind, reader, options, source)
+    with _lock_name(name):
+        corpus = _read_and_change(kind, reader, source, arguments, changes)
+        info = corpus.info | {"format": kind, "warnings": _import_warnings(corpus)}
+        return _store(corpus.with_fields(name=name, info=info))
+
+
+@contextmanager
+def _lock_name(name: str) -> Iterator[None]:
+    """Refuse another import under a name meanwhile."""
+    corpora = data_folder() / "corpora"
+    path = corpora / f".{name}.lock"
+    lock = FileLock(path, timeout=0)
+    try:
+        corpora.mkdir(parents=True, exist_ok=True)
+        lock.acquire()
+    except Timeout as e:
+        advice = "wait for it or choose another name="
+        raise InputError(f"another import of name={name} is under way; {advice}") from e
+    except OSError as e:
+        place = path if path.exists() else corpora / name  # of another user
+        raise _unwritable_error(place, e) from e
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+def _read_and_change(
+    kind: str,
+    reader: Callable,
+    source: Path,
+    arguments: dict[str, object],
+    changes: dict[str, str],
+) -> Corpus:
+    """Read a file, and make the changes of `bench.corpora.cuts.OPTIONS`."""
+    from bench.corpora import cuts
+
     try:
         corpus = reader(source, **arguments)
     except OSError as e:
@@ -72,11 +110,12 @@ def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus:
         unchanged = content_digest(corpus)
         corpus = cuts.apply_changes(corpus, kind, changes)
         corpus = corpus.with_fields(info=corpus.info | {"unchanged": unchanged})
-    info = corpus.info | {"format": kind, "warnings": _import_warnings(corpus)}
-    return _store(corpus.with_fields(name=name, info=info))
+    return corpus
 
 
-def _reader_arguments(kind: str, reader: Callable, options: dict[str, str]) -> dict[str, object]:
+def _reader_arguments(
+    kind: str, reader: Callable, options: dict[str, str], source: Path
+) -> dict[str, object]:
     """Options of a reader, as the types that its signature names."""
     from bench.corpora.cuts import OPTIONS
 
@@ -95,6 +134,9 @@ def _reader_arguments(kind: str, reader: Callable, options: dict[str, str]) -> d
             raise InputError(f"{key}={text}: give a number") from e
     required = [p.name for p in parameters if p.default is inspect.Parameter.empty]
     if missing := [f"{key}=" for key in required if key not in arguments]:
+        if not os.path.lexists(source):  # what is asked for would not help
+            place = one_line(source, 160)
+            raise InputError(f"{place}: there is no such file; give the path of a file")
         raise InputError(f"format {kind} also needs {', '.join(missing)}")
     return arguments
 
@@ -110,19 +152,20 @@ def _import_warnings(corpus: Corpus) -> list[str]:
 
 
 def _store(corpus: Corpus) -> Corpus:
-    """Store a corpus under its name, in place of an earlier one, and map it."""
+    """Store a corpus under its locked name, in place of an earlier one, and map it."""
     digest = content_digest(corpus)
     folder = data_folder() / "corpora" / corpus.name
     pointer, stored = folder / "current", folder / digest[:16]
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with FileLock(folder.parent / f".{corpus.name}.lock"):
-            write_folder(corpus, stored, digest)
-            with write_then_rename(pointer) as beside:
-                beside.write_text(stored.name)
-            for old in folder.iterdir():  # the lock is ours, so nobody else writes here
-                if old not in (pointer, stored):
-                    remove_path(old)
+        write_folder(corpus, stored, digest)
+        if os.path.lexists(pointer) and (pointer.is_symlink() or not pointer.is_file()):
+            remove_path(pointer)  # a link's file is not ours
+        with write_then_rename(pointer) as beside:
+            beside.write_text(stored.name)
+        for old in folder.iterdir():  # the name is locked, so nobody else writes here
+            if old not in (pointer, stored):
+                remove_path(old)
     except OSError as e:
         raise _unwritable_error(folder, e) from e
     return open_folder(stored)

@@ -25,10 +25,12 @@ ALLOWED = (
 )
 NO_CONDITION = "this is not a condition, such as \"subject != '3'\""
 MOST_CHARACTERS = 300  # of a message
-# What Python and pandas read differently, outside text: & and |, and columns in backticks.
+# What Python and pandas read differently, outside text: & and |, and columns in backticks. A
+# condition is one line, and a comment would end it.
 SPECIAL = re.compile(
-    r"""'(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*"|`(?P<column>[^`]+)`|(?P<operator>[&|])"""
+    r"""'(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*"|`(?P<column>[^`]+)`|(?P<word>[&|\r\n#])"""
 )
+WORDS = {"&": " and ", "|": " or ", "\r": " ", "\n": " "}
 COMPARISONS = {ast.Eq: eq, ast.NotEq: ne, ast.Lt: lt, ast.LtE: le, ast.Gt: gt, ast.GtE: ge}
 TEXT_METHODS = {"startswith": {}, "endswith": {}, "contains": {"regex": False}}
 
@@ -74,18 +76,20 @@ def _evaluate(where: str, captures: pd.DataFrame) -> pd.Series:
     columns: dict[str, pd.Series] = {}
 
     def translate(match: re.Match) -> str:
-        if match["operator"]:
-            return " and " if match[0] == "&" else " or "
+        if match["word"] == "#":
+            raise SyntaxError("a comment cannot be used")
+        if match["word"]:
+            return WORDS[match["word"]]
         if not match["column"]:
             return match[0]
         name = f"_column{len(columns)}"
         columns[name] = captures[match["column"]]
         return name
 
-    text = SPECIAL.sub(translate, where)
+    text = SPECIAL.sub(translate, where).strip()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Python's advice is about programs
-        tree = ast.parse(f"({text}\n)", mode="eval").body
+        tree = ast.parse(text, mode="eval").body
     mask = _mask(tree, captures.assign(**columns))
     if not (isinstance(mask, pd.Series) and mask.dtype == bool):
         raise SyntaxError(NO_CONDITION)

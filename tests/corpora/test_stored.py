@@ -3,11 +3,13 @@
 import json
 import multiprocessing
 import os
+import shutil
 from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
+from filelock import FileLock
 
 from bench.cli import main
 from bench.corpora import library, synth
@@ -50,11 +52,22 @@ def halve_rate(path):
     path.write_text(path.read_text().replace('"rate_hz": 100.0', '"rate_hz": 50.0'))
 
 
+def replace_by_pipe(path):
+    path.unlink()
+    os.mkfifo(path)
+
+
+def enlarge(path):
+    os.truncate(path, (1 << 24) + 1)
+
+
+OTHER_SHAPES = ("null", "{}", '{"info": 5}', '{"info": "a"}', "[" * 200_000)
 HARMS = [
     *product(["frames.npy", "lengths.npy", "captures.parquet"], [flip_bit, halve, Path.unlink]),
     ("frames.npy", lambda path: flip_bit(path, keep_time=True)),
     *product(["corpus.json"], [Path.unlink, halve, halve_rate]),
-    *(("corpus.json", lambda path, text=text: path.write_text(text)) for text in ("null", "{}")),
+    *product(["corpus.json"], [replace_by_pipe, enlarge]),
+    *(("corpus.json", lambda path, text=text: path.write_text(text)) for text in OTHER_SHAPES),
 ]
 
 
@@ -84,6 +97,18 @@ def test_frames_are_hashed_only_when_they_look_different(stored, corpus):
     assert "frames.npy differs" in refusal(open_folder, stored)
     flip_bit(frames)  # undone
     assert np.array_equal(open_folder(stored).frames, corpus.frames)
+
+
+@pytest.mark.parametrize("harm", [replace_by_pipe, enlarge, lambda p: p.write_text("[" * 200_000)])
+def test_what_is_no_seal_is_replaced(stored, corpus, harm):
+    harm(stored / "seal.json")
+    assert open_folder(stored).digest == content_digest(corpus)
+    assert len(json.loads((stored / "seal.json").read_text())) == 5
+
+
+def test_a_generated_corpus_under_another_name_is_refused(stored):
+    stored.rename(stored.with_name("d"))
+    assert "corpus.json was written for c" in refusal(open_folder, stored.with_name("d"))
 
 
 def test_damage_that_cannot_be_seen_from_outside_is_found_by_verifying(stored):
@@ -147,6 +172,35 @@ def test_a_name_without_its_corpus_is_refused_until_the_next_import(import_rando
     refusal(open_corpus, "arm", {})
     import_random()
     assert pointer.read_text() == good and len(open_corpus("arm", {})) == 36
+
+
+def test_verifying_finds_a_copied_folder_and_a_damaged_name(import_random, capsys):
+    corpora = data_folder() / "corpora"
+    shutil.copytree(corpora / "arm", corpora / "leg")
+    assert main(["data", "verify", "leg"]) == 1
+    assert "it is a copy of arm" in capsys.readouterr().out
+    (corpora / "arm" / "current").write_text("x")
+    assert main(["data", "verify", "arm"]) == 1
+    assert "current  damaged: names no corpus" in capsys.readouterr().out
+    assert main(["data", "verify", "arm+leg"]) == 2
+    assert "give one corpus at a time" in capsys.readouterr().err
+
+
+def test_an_import_replaces_a_link_and_not_its_file(import_random, tmp_path):
+    pointer, other = data_folder() / "corpora" / "arm" / "current", tmp_path / "other"
+    other.write_text("mine")
+    pointer.unlink()
+    pointer.symlink_to(other)
+    import_random()
+    assert other.read_text() == "mine" and len(open_corpus("arm", {})) == 36
+
+
+def test_a_second_import_under_one_name_is_refused_at_once(import_random):
+    with FileLock(data_folder() / "corpora" / ".arm.lock"):
+        with pytest.raises(InputError, match="another import of name=arm is under way"):
+            import_random()
+    with pytest.raises(InputError, match="no such file"):
+        import_corpus("table", Path("nosuch.csv"), {})
 
 
 def test_a_damaged_corpus_does_not_hide_the_others(import_random, capsys):

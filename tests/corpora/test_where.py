@@ -67,6 +67,8 @@ REFUSED = [
     ("n != subject", "one holds text, the other numbers"),
     ("~" * 9000 + "flag", "too deeply nested"),
     ("n == 1\0", "null byte"),
+    ("n == 1 # or n == 2", "a comment cannot be used"),
+    ("n == 1) or (n == 2", "unmatched ')'"),
 ]
 ATTACKS = [
     "n.__init__.__func__.__globals__['sys'].modules['os'].system('touch stolen') == n",
