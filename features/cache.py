@@ -22,7 +22,7 @@ from bench.corpora.corpus import Corpus, unblind
 from bench.corpora.folder import open_folder
 from bench.features.signals import capture_blocks
 from bench.ground.digests import check_parquet, parquet_with_digest
-from bench.ground.scratch import data_folder, write_then_rename
+from bench.ground.scratch import data_folder, remove_path, write_then_rename
 from bench.ground.source import source_digest
 
 BLOCK_VALUES = 1 << 24  # sensor values of captures whose features are computed at once
@@ -48,8 +48,11 @@ def load_or_extract(features: BaseEstimator, X: Corpus) -> pd.DataFrame:
             return features.extract(X)
         table = _extract_blocks(features, corpus.blind(visible), stored.steps)
         table.to_parquet(buffer := BytesIO(), index=False)
-        with suppress(OSError), write_then_rename(path) as part:  # a full disk only costs time
-            part.write_bytes(parquet_with_digest(buffer.getvalue()))
+        with suppress(OSError):  # a full disk only costs time
+            if path.exists() and not path.is_file():
+                remove_path(path)
+            with write_then_rename(path) as part:
+                part.write_bytes(parquet_with_digest(buffer.getvalue()))
     if not stored.steps:
         return table.iloc[stored.index].reset_index(drop=True)
     pieces = pd.MultiIndex.from_arrays([stored.index, stored.piece])
@@ -88,6 +91,8 @@ def _load_table(path: Path) -> pd.DataFrame | None:
 
 @lru_cache(maxsize=4)
 def _read_table(path: Path) -> pd.DataFrame:
+    if not path.is_file():  # a pipe would wait
+        raise FileNotFoundError(path)
     content = path.read_bytes()
     check_parquet(content)
     return pd.read_parquet(BytesIO(content))

@@ -63,7 +63,7 @@ def write_folder(corpus: Corpus, folder: Path, digest: str = "") -> None:
     """
     digest = digest or content_digest(corpus)
     folder.parent.mkdir(parents=True, exist_ok=True)
-    if _is_stored(folder, digest):
+    if _is_stored(folder, corpus.name, digest):
         return
     with hold_path(folder.parent) as scratch:
         new = scratch / "new"
@@ -80,12 +80,12 @@ def write_folder(corpus: Corpus, folder: Path, digest: str = "") -> None:
         (new / "corpus.json").write_text(json.dumps(fields, indent=1))
         _write_seal(new, files["frames.npy"][1])
         try:
-            if os.path.lexists(folder) and not _is_stored(folder, digest):
+            if os.path.lexists(folder) and not _is_stored(folder, corpus.name, digest):
                 folder.rename(scratch / "old")
             if not os.path.lexists(folder):
                 new.rename(folder)
         except OSError:
-            if not _is_stored(folder, digest):  # else another process was faster
+            if not _is_stored(folder, corpus.name, digest):  # else another process was faster
                 raise
 
 
@@ -152,13 +152,14 @@ def read_small_file(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
     return path.read_bytes()
 
 
-def _is_stored(folder: Path, digest: str) -> bool:
-    """True if a folder holds the corpus of this digest undamaged."""
+def _is_stored(folder: Path, name: str, digest: str) -> bool:
+    """True if a folder holds the corpus of this name and digest undamaged."""
     try:
         fields, _ = _read_fields(folder)
     except InputError:
         return False
-    return fields["digest"] == digest and not any(find_damage(folder).values())
+    is_same = fields["name"] == name and fields["digest"] == digest
+    return is_same and not any(find_damage(folder).values())
 
 
 def _read_fields(folder: Path) -> tuple[dict, dict[str, list]]:

@@ -179,6 +179,8 @@ def test_verifying_finds_a_copied_folder_and_a_damaged_name(import_random, capsy
     shutil.copytree(corpora / "arm", corpora / "leg")
     assert main(["data", "verify", "leg"]) == 1
     assert "it is a copy of arm" in capsys.readouterr().out
+    import_random("leg")
+    assert main(["data", "verify", "leg"]) == 0
     (corpora / "arm" / "current").write_text("x")
     assert main(["data", "verify", "arm"]) == 1
     assert "current  damaged: names no corpus" in capsys.readouterr().out

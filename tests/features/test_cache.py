@@ -1,5 +1,6 @@
 """Stored feature tables: computed once for each key, and again if they are damaged."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -44,6 +45,13 @@ def test_a_damaged_table_is_computed_again(stored, corpus, extracted, name):
     for _ in range(2):  # the second time it is repaired
         cache._read_table.cache_clear()
         assert Jung28().transform(stored).equals(expected) and extracted == [36]
+
+
+def test_a_pipe_in_place_of_a_table_is_replaced(stored, corpus):
+    path = data_folder() / "features" / f"{cache_key(Jung28(), stored.digest)}.parquet"
+    path.parent.mkdir(parents=True)
+    os.mkfifo(path)
+    assert Jung28().transform(stored).equals(Jung28().transform(corpus)) and path.is_file()
 
 
 def test_features_are_computed_once_per_corpus(corpus, stored, monkeypatch):
