@@ -45,7 +45,7 @@ WATCHED = pd.DataFrame(
         for seen in range(20, 5000, 100)
     ],
     columns=["kind", "start", "end", "gesture", "reported", "first", "label", "confidence"],
-).assign(recording=0, subject="1", fold="1")
+).assign(recording=0, subject="1", fold="1", changes=0)
 
 
 def import_recordings(name, frames, labels, subjects, rate_hz="15"):

@@ -36,7 +36,7 @@ TRUTH = event_table(
     ]
 )
 REPORTS = report_table(
-    (*row, 0.9)
+    (*row, 0.9, 1)
     for row in (
         (0, 9, 9, "pat", "pat"),  # before any touch: false alarm
         (0, 28, 45, "rub", "rub"),  # reported during the pat, ends in the rub: belongs to the pat
@@ -91,7 +91,7 @@ def test_a_touch_without_a_report_is_merged_if_one_before_it_was_not_over():
     truth = event_table(
         [(0, 10, 30, "pat"), (0, 30, 50, "rub"), (0, 60, 70, "rub"), (1, 30, 50, "rub")]
     )
-    lasting = report_table([(0, 12, 55, "pat", "pat", 0.9), (0, 20, 25, "pat", "pat", 0.9)])
+    lasting = report_table([(0, 12, 55, "pat", "pat", 0.9, 0), (0, 20, 25, "pat", "pat", 0.9, 0)])
     touches, reports = match_reports(truth, lasting, rate_hz=10)
     assert list(touches["found"]) == [True, False, False, False]
     assert list(touches["merged"]) == [False, True, False, False]
@@ -127,7 +127,7 @@ def random_tables(draw):
     for recording, reported, frames, first, label in draw(
         st.lists(row, max_size=12, unique_by=lambda r: r[:3])
     ):
-        reports.append((recording, reported, reported + frames, first, label, 0.5))
+        reports.append((recording, reported, reported + frames, first, label, 0.5, int(first != label)))
     return touches, reports, draw(st.integers(1, 6))
 
 
@@ -144,6 +144,8 @@ def test_matches_equal_a_loop_over_all_pairs(case):
     for i, row in enumerate(touches.itertuples()):
         of_touch = sorted(r for j, r in enumerate(reported) if touch[j] == i)
         assert row.found == bool(of_touch) and row.fragments == len(of_touch)
+        assert row.changes == sum(r[6] for r in of_touch)
+        assert row.confidence == 0.5 or not of_touch and np.isnan(row.confidence)
         assert row.insertions == sum(r[4] != true[i][3] for r in of_touch[1:])
         assert row.first_correct == (bool(of_touch) and of_touch[0][3] == true[i][3])
         assert row.end_correct == (bool(of_touch) and of_touch[-1][4] == true[i][3])
@@ -178,7 +180,7 @@ SED_EVAL = [
 def test_counts_equal_sed_evals(onsets, reported, counts):
     truth = event_table((r, s, s + 30, "pat") for r, starts in onsets.items() for s in starts)
     reports = report_table(
-        (r, f, f + 1, "pat", "pat", 1) for r, frames in reported.items() for f in frames
+        (r, f, f + 1, "pat", "pat", 1, 0) for r, frames in reported.items() for f in frames
     )
     touches, reports = match_reports(truth, reports, rate_hz=10)
     numbers = summarise_touches(touches, reports, background_s=3600)
@@ -189,7 +191,7 @@ def test_counts_equal_sed_evals(onsets, reported, counts):
 def test_subjects_and_intervals():
     """Subject c has background and a false alarm, but no touches; d has no background."""
     truth = pd.concat([TRUTH, event_table([(3, 0, 9, "pat")])], ignore_index=True)
-    reports = pd.concat([REPORTS, report_table([(2, 5, 9, "pat", "pat", 0.5)])], ignore_index=True)
+    reports = pd.concat([REPORTS, report_table([(2, 5, 9, "pat", "pat", 0.5, 0)])], ignore_index=True)
     names = np.array(list("abcd"))
     touches, reports = match_reports(
         truth.assign(subject=names[truth["recording"]]),
@@ -282,10 +284,10 @@ def test_the_confidence_of_a_touch_is_that_of_its_last_label():
     touches = event_table([(0, 0, 100, "pat"), (0, 200, 300, "rub"), (1, 0, 100, "pat")])
     reports = report_table(
         [
-            (0, 250, 290, "rub", "rub", 0.3),
-            (0, 50, 60, "pat", "pat", 0.9),
-            (0, 80, 100, "pat", "rub", 0.4),  # the same touch once more
-            (0, 400, 450, "pat", "pat", 0.2),  # no touch
+            (0, 250, 290, "rub", "rub", 0.3, 0),
+            (0, 50, 60, "pat", "pat", 0.9, 0),
+            (0, 80, 100, "pat", "rub", 0.4, 1),  # the same touch once more
+            (0, 400, 450, "pat", "pat", 0.2, 0),  # no touch
         ]
     )
     assert last_confidence(touches, reports, 100.0).to_dict() == {0: 0.4, 1: 0.3}
@@ -312,6 +314,7 @@ def test_rejection_is_counted_by_each_folds_threshold():
             "first": "pat",
             "label": "pat",
             "confidence": confidence,
+            "changes": 0,
         }
         tables.append(common | {"kind": "report"} | said)
     table = pd.DataFrame(tables)
@@ -344,7 +347,7 @@ class SubjectWatcher:
         )
         at = 5 if self.hears else 20
         return report_table(
-            [(i, at, at + 3, "pat", "pat", float(s) / 10) for i, s in enumerate(subjects)]
+            [(i, at, at + 3, "pat", "pat", float(s) / 10, 0) for i, s in enumerate(subjects)]
         )
 
 

@@ -74,7 +74,7 @@ def test_scores_by_hand():
         (4606, 4700),  # false alarm
         (9899, 9950),  # begins before the stretch: false alarm
     ]
-    said = {"kind": "report", "first": "pat", "label": "pat", "confidence": 1.0}
+    said = {"kind": "report", "first": "pat", "label": "pat", "confidence": 1.0, "changes": 0}
     table = pd.concat(
         [
             pd.DataFrame([{"kind": "recording", "end": 36_000, "refused": 900}]),

@@ -68,7 +68,7 @@ def test_nothing_of_a_test_subject_is_learned(detector, unknown, recordings):
 
 def test_false_alarms_of_a_person_without_touches_count():
     row = {"fold": "4", "subject": "4", "recording": 0, "start": np.nan, "gesture": None}
-    said = {"first": "pat", "label": "pat", "confidence": 1.0}
+    said = {"first": "pat", "label": "pat", "confidence": 1.0, "changes": 0}
     reports = [
         row | said | {"kind": "report", "reported": at, "end": at + 20} for at in (100, 500, 900)
     ]

@@ -7,7 +7,8 @@ Touches and doubtful stretches are tables as of `Recordings.events`. Reports hav
 - ``reported``: frames of the recording that were seen when the event was first reported;
 - ``end``: frames seen when it ended; the length of the recording if that ended first;
 - ``first``, ``label``: gesture reported at first and at the end of the event;
-- ``confidence``: of the final label, 0 to 1.
+- ``confidence``: of the final label, 0 to 1;
+- ``changes``: how often the label changed, its end included.
 
 Further columns, such as ``subject``, are kept. A table without rows has the same columns and types.
 
@@ -38,14 +39,14 @@ from bench.values import scores
 from bench.values.intervals import ratio_interval
 
 REPORT = {"recording": np.int64, "reported": np.int64, "end": np.int64, "first": str, "label": str}
-REPORT |= {"confidence": np.float64}
+REPORT |= {"confidence": np.float64, "changes": np.int64}
 COLLAR_S = 0.5  # seconds after the end of a touch in which a report still belongs to it
 FALSE_ALARM = -1  # the touch of a report that belongs to none
 DOUBTFUL = -2  # the touch of a report that belongs to a doubtful stretch
 SHARES = ("found", "first_correct", "end_correct")
 
 
-def report_table(rows: Iterable[tuple[int, int, int, str, str, float]]) -> pd.DataFrame:
+def report_table(rows: Iterable[tuple[int, int, int, str, str, float, int]]) -> pd.DataFrame:
     """The table of reports from rows, which have the columns and types of ``REPORT``."""
     return pd.DataFrame(list(rows), columns=[*REPORT]).astype(REPORT)
 
@@ -74,6 +75,8 @@ def match_reports(
           missed touch;
         - ``end_correct`` (bool): the same of ``label`` of its last report;
         - ``label``: ``label`` of its last report; empty for a missed touch;
+        - ``confidence``: that of its last report, NaN for a missed touch;
+        - ``changes`` (int64): label changes of all its reports;
         - ``fragments`` (int64): number of its reports;
         - ``insertions`` (int64): reports after the first whose ``label`` is not its gesture;
 
@@ -98,10 +101,13 @@ def match_reports(
         first_correct=first["first"].to_numpy(object) == gestures,
         end_correct=last["label"].to_numpy(object) == gestures,
         label=last["label"].fillna("").astype(str),
+        confidence=last["confidence"],
+        changes=hits.groupby("touch")["changes"].sum().reindex(truth.index, fill_value=0),
         fragments=fragments,
         insertions=_count_by_touch(hits["touch"][is_repeated & is_wrong], truth),
     )
-    kinds = dict.fromkeys((*SHARES, "late", "merged"), bool) | {"latency_s": np.float64}
+    kinds = dict.fromkeys((*SHARES, "late", "merged"), bool)
+    kinds |= {"latency_s": np.float64, "confidence": np.float64, "changes": np.int64}
     return touches.astype(kinds), reports
 
 

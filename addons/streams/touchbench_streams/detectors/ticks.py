@@ -237,7 +237,9 @@ class TickWatcher:
             for touch, of_touch, frames in zip(touches, probas, lengths, strict=True):
                 first, _ = self.choose_label(of_touch[0])
                 label, confidence = self.choose_label(frames @ of_touch / frames.sum())
-                rows.append((i, touch.reported, touch.end, first, label, confidence))
+                labels = self._labels_so_far(frames, of_touch)
+                changes = int((labels[1:] != labels[:-1]).sum())
+                rows.append((i, touch.reported, touch.end, first, label, confidence, changes))
         return report_table(rows)
 
     def with_new_names(
@@ -246,6 +248,11 @@ class TickWatcher:
         """A copy with names learned from other captures and recordings; it rejects nothing."""
         system = make_system().fit(captures, captures.gestures)
         return replace(self, system=system, names=fit_names(make_system, recordings), reject=0.0)
+
+    def _labels_so_far(self, frames: np.ndarray, proba: np.ndarray) -> np.ndarray:
+        """Label of a touch after each of its names: frames [names], proba [names, gestures]."""
+        means = np.cumsum(frames[:, None] * proba, axis=0) / np.cumsum(frames)[:, None]
+        return np.array([self.choose_label(mean)[0] for mean in means], dtype=object)
 
     def choose_label(self, proba: np.ndarray) -> tuple[str, float]:
         """The most probable gesture, or ``unknown`` if it is rejected, and its probability."""
