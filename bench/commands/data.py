@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 
@@ -12,10 +12,11 @@ import numpy as np
 import pandas as pd
 
 from bench import contract
-from bench.commands.declarations import EXPORT_OPTIONS, SHOW_OPTIONS
+from bench.commands.declarations import EXPORT_OPTIONS, GET_OPTIONS, SHOW_OPTIONS
 from bench.commands.printing import print_lines, print_next_commands, refuse_unwritable
 from bench.corpora.corpus import Corpus
 from bench.corpora.doubts import doubt_spellings
+from bench.corpora.folder import content_digest
 from bench.corpora.library import (
     ASIDE,
     find_corpus_damage,
@@ -23,15 +24,18 @@ from bench.corpora.library import (
     import_corpus,
     imported_names,
     left_out_message,
+    name_import,
     open_corpus,
     open_imported,
 )
 from bench.corpora.read.cost import write_cost
 from bench.corpora.read.table import write_table
+from bench.corpora.sources import Source
 from bench.corpora.survey import Survey
 from bench.errors import InputError, suggest_names
 from bench.grammar.options import parse_arguments, typed_settings
 from bench.ground.progress import warn
+from bench.ground.registry import load_part, load_parts, registered_parts
 from bench.ground.scratch import data_folder
 from bench.ground.typed import DEFAULTS, SMALL_SYSTEM, Values
 from bench.plan.grid import expand_corpus_parameters, make_cells
@@ -39,14 +43,19 @@ from bench.plan.plan import load_captures
 from bench.protocols.captures import CaptureKFold
 from bench.values.result import format_count
 
-ACTIONS = ("import", "show", "verify", "export")
+GET_KEYS = [option.key for option in GET_OPTIONS]
+ACTIONS = ("get", "import", "show", "verify", "export")
 
 
 def command(arguments: list[str]) -> int:
-    """List the corpora, or import, show, verify or export one."""
+    """List the corpora, or download, import, show, verify or export one."""
     match arguments:
         case []:
             return _list_corpora()
+        case ["get"]:
+            return _list_sources()
+        case ["get", name, *rest] if "=" not in name:
+            return _get_corpus(name, parse_arguments(rest, None))
         case ["import", kind, file, *rest]:  # the reader knows its options
             return import_and_print(kind, Path(file), parse_arguments(rest, None))
         case ["show", name, *rest] if "=" not in name:
@@ -165,12 +174,74 @@ def survey_captures(corpus: Corpus, out: Path | None) -> Survey:
     return survey
 
 
-def import_and_print(kind: str, file: Path, values: dict[str, str]) -> int:
+def _list_sources() -> int:
+    """Print what can be downloaded, and what is imported of it."""
+    sources = load_parts("sources")
+    for name, source in sources.items():
+        state = "imported" if name in imported_names() else f"bench data get {name}"
+        print(
+            f"{name}: {source.contents}\n  {state}\n  size:    {source.size}\n"
+            f"  licence: {source.licence}\n  paper:   {source.paper}\n"
+            f"  from:    {source.address}\n  page:    {source.page}"
+        )
+    print()
+    missing = [name for name in sources if name not in imported_names()]
+    print_next_commands(f"bench data get {missing[-1]}" if missing else "bench data")
+    return 0
+
+
+def _get_corpus(name: str, values: dict[str, str]) -> int:
+    """Download, verify and import a published corpus."""
+    from bench.corpora import cuts
+    from bench.corpora.download import advise_by_hand, download_source
+
+    if name not in (known := registered_parts("sources")):
+        raise InputError(f"bench data get {name[:60]}: {suggest_names(name[:60], known)}")
+    source: Source = load_part("sources", name)
+    keys = typed_settings("data", {k: v for k, v in values.items() if k in GET_KEYS}, GET_OPTIONS)
+    options = {key: value for key, value in values.items() if key not in GET_KEYS}
+    for key in options:
+        if key not in (known := ("name", *cuts.OPTIONS)):
+            hint = suggest_names(key, {*known, *GET_KEYS})
+            raise InputError(f"bench data get has no key {key!r}; {hint}")
+    if source.must_accept and not keys["accept"]:
+        raise InputError(
+            f"{name} has the licence {source.licence} ({source.page}); if you accept it, give "
+            "accept=yes"
+        )
+    print(f"{name}: licence {source.licence}; cite {source.paper}")
+
+    def check_release(corpus: Corpus) -> None:
+        differences = list(corpus.info["warnings"])
+        if source.digest and not content_digest(corpus).startswith(source.digest):
+            differences.append("other readings than the published ones")
+        if differences:
+            shown = first_warnings(differences, "bench data show")
+            raise InputError(f"{source.file} is not the published corpus: {shown}")
+
+    file = download_source(source, name, keys["address"])
+    try:
+        code = import_and_print(name, file, options, check_release)
+    except InputError as e:
+        if isinstance(e.__cause__, OSError):  # the disk's fault, or another import is under way
+            raise
+        file.unlink()
+        raise InputError(f"{name}: after the download, {e}; {advise_by_hand(source, name)}") from e
+    file.unlink()
+    return code
+
+
+def import_and_print(
+    kind: str,
+    file: Path,
+    values: dict[str, str],
+    check: Callable[[Corpus], None] | None = None,
+) -> int:
     """Import a corpus; print its warnings, the corpus that it replaces, and its contents."""
     before = None
     with suppress(InputError):  # nothing is stored, or it is damaged
-        before = open_imported(values.get("name", kind))
-    corpus = import_corpus(kind, file, values)
+        before = open_imported(name_import(kind, values))
+    corpus = import_corpus(kind, file, values, check)
     show = f"bench data show {corpus.name}"
     if warnings := corpus.info["warnings"]:
         print(f"warning: {first_warnings(warnings, show)}", file=sys.stderr)

@@ -179,6 +179,10 @@ IMPORT_OPTIONS = (  # the format has others
     Option("rate_hz", "number", None, "table: frame rate in Hz"),
     Option("full_scale", "number", 1023, "table: largest possible reading"),
 )
+GET_OPTIONS = (
+    Option("accept", "yes", False, "get: yes accepts the licence of the corpus"),
+    Option("address", "text", "", "get: another place of the file, such as a mirror"),
+)
 SHOW_OPTIONS = (
     Option("where", "text", DEFAULTS["where"], "captures to show"),
     Option("target", "text", DEFAULTS["target"], "columns whose classes are also counted"),
@@ -195,8 +199,10 @@ EXPORT_OPTIONS = (
 )
 DATA = Command(
     START,
-    "list, import, show, verify and export corpora",
-    "Without an action, lists the corpora with counts, digest, source and licence. import reads "
+    "download, list, import, show, verify and export corpora",
+    "Without an action, lists the corpora with counts, digest, source and licence. get downloads a "
+    "published corpus, verifies and imports it; without a name, it lists what can be had. It takes "
+    "the keys of import, too. import reads "
     "the Corpus of Social Touch, HAART (zip or folder), CuddleBot (folder or archive) or a table. "
     "align=, frames= and crop= change captures of any format. A CSV or parquet table has the "
     "columns subject, gesture, frame, conditions and channels. A .npz table has frames, offsets, "
@@ -204,14 +210,15 @@ DATA = Command(
     "durations, pressure, broken taxels, seams and equal captures. verify reads every stored file "
     "again; exit code 1 if one has changed. show and export take parameters of synth, such as "
     "subjects=4.",
+    "bench data get haart\n"
     "bench data import cost CoST.csv\n"
     'bench data import haart "HAART DataSet.zip" align=yes\n'
     "bench data import table my.csv name=arm grid=10x10 rate_hz=54 full_scale=1023\n"
     "bench data export synth out.csv subjects=31 repetitions=6",
-    "\nimport cost|cuddlebot|haart|table FILE [key=value ...]\nshow NAME [key=value ...]\n"
-    "verify NAME\nexport NAME FILE",
+    "\nget [NAME] [key=value ...]\nimport cost|cuddlebot|haart|table FILE [key=value ...]\n"
+    "show NAME [key=value ...]\nverify NAME\nexport NAME FILE",
     takes_words=True,
-    options=(*IMPORT_OPTIONS, *SHOW_OPTIONS, *EXPORT_OPTIONS),
+    options=(*GET_OPTIONS, *IMPORT_OPTIONS, *SHOW_OPTIONS, *EXPORT_OPTIONS),
 )
 FIT = Command(
     START,
@@ -285,7 +292,18 @@ AUDIT = Command(
     "save and load it. Nothing is stored. Exit code 1 if a check failed. The audit finds mistakes, "
     "not fraud.",
     "bench audit model=my.py:Mine\nbench audit model=lda,svm features=touch",
-    options=(MODEL, FEATURES, SEED),
+    options=(
+        MODEL,
+        FEATURES,
+        SEED,
+        Option(
+            "data",
+            "text",
+            "",
+            "an imported corpus to repeat it on, with exchanged labels and people: finds systems "
+            "that read its files",
+        ),
+    ),
 )
 UI = Command(
     COMPARE,

@@ -31,7 +31,8 @@ from bench.corpora.folder import (
     write_folder,
 )
 from bench.errors import InputError, one_line, suggest_names
-from bench.ground.registry import load_part
+from bench.ground.closed import refuse_closed
+from bench.ground.registry import load_part, registered_parts
 from bench.ground.scratch import data_folder, remove_path, write_then_rename
 
 ASIDE = "aside"  # in a corpus's info: classes of captures without a gesture, which runs leave out
@@ -39,13 +40,19 @@ UNTAUGHT = "untaught"  # classes that teach nothing, and so may be tested withou
 NAME = "[A-Za-z0-9][A-Za-z0-9_-]{0,99}"
 
 
-def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus:
+def import_corpus(
+    kind: str,
+    source: Path,
+    options: dict[str, str],
+    check: Callable[[Corpus], None] | None = None,
+) -> Corpus:
     """Read a file and store it under the option ``name``; if that fails, an earlier corpus stays.
 
     Args:
         kind: format, of `bench.corpora.PARTS` or of an add-on.
         source: file, folder or archive.
         options: ``name``, options of the reader, and changes (`bench.corpora.cuts.OPTIONS`).
+        check: refuses what was read, before changes, by an `InputError`.
 
     Raises:
         InputError: the file or an option does not fit, or the data folder cannot be written.
@@ -53,8 +60,7 @@ def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus:
     from bench.corpora import cuts
 
     changes = {key: options[key] for key in cuts.OPTIONS if key in options}
-    is_aligned = changes.get("align", "no") not in ("no", "false")
-    name = options.get("name", f"{kind}-aligned" if is_aligned else kind)
+    name = name_import(kind, options)
     if not re.fullmatch(NAME, name):
         raise InputError(f"name={name[:60]}: use letters, digits, - and _, at most 100")
     if name == "synth":
@@ -62,9 +68,15 @@ def import_corpus(kind: str, source: Path, options: dict[str, str]) -> Corpus:
     reader = load_part("corpora", kind)
     arguments = _reader_arguments(kind, reader, options, source)
     with _lock_name(name):
-        corpus = _read_and_change(kind, reader, source, arguments, changes)
+        corpus = _read_and_change(kind, reader, source, arguments, changes, check)
         info = corpus.info | {"format": kind, "warnings": _import_warnings(corpus)}
         return _store(corpus.with_fields(name=name, info=info))
+
+
+def name_import(kind: str, options: dict[str, str]) -> str:
+    """The name under which a file of a format is imported."""
+    is_aligned = options.get("align", "no") not in ("no", "false")
+    return options.get("name", f"{kind}-aligned" if is_aligned else kind)
 
 
 @contextmanager
@@ -94,8 +106,9 @@ def _read_and_change(
     source: Path,
     arguments: dict[str, object],
     changes: dict[str, str],
+    check: Callable[[Corpus], None] | None,
 ) -> Corpus:
-    """Read a file, and make the changes of `bench.corpora.cuts.OPTIONS`."""
+    """Read a file, check it, and make the changes of `bench.corpora.cuts.OPTIONS`."""
     from bench.corpora import cuts
 
     try:
@@ -104,6 +117,8 @@ def _read_and_change(
         raise InputError(
             f"{one_line(source, 160)}: cannot be read ({e.strerror or e}); check the path"
         ) from e
+    if check:
+        check(corpus)
     if changes:
         if corpus.info.get(ASIDE):
             raise InputError(f"{next(iter(changes))}=: {kind} is imported whole; leave it out")
@@ -185,8 +200,10 @@ def open_corpus(name: str, parameters: Mapping[str, object]) -> Corpus:
         parameters: those of `bench.corpora.synth.generate`.
 
     Raises:
-        InputError: there is no such corpus, it is damaged, or has no capture with a gesture.
+        InputError: there is no such corpus, it is damaged, has no capture with a gesture, or is
+            opened by the code of a system.
     """
+    refuse_closed(name)
     if "+" in name:
         return _open_joined(name)
     if name == "synth":
@@ -217,6 +234,7 @@ def left_out_message(corpus: Corpus) -> str:
 
 def open_imported(name: str) -> Corpus:
     """Open all that is imported under a name, also captures without a gesture."""
+    refuse_closed(name)
     corpus = open_folder(_imported_folder(name))
     if corpus.name != name:
         folder = data_folder() / "corpora" / name
@@ -229,7 +247,9 @@ def _imported_folder(name: str) -> Path:
     folder = data_folder() / "corpora" / name
     if not re.fullmatch(NAME, name) or not os.path.lexists(folder / "current"):
         names = one_line(suggest_names(name[:60], ["synth", *imported_names()]), 150)
-        advice = "Import it with: bench data import ..."
+        is_published = name in registered_parts("sources")
+        command = f"bench data get {name}" if is_published else "bench data import ..."
+        advice = f"Import it with: {command}"
         raise InputError(f"data={name[:60]}: not imported; {names}. {advice}")
     try:
         digest = read_small_file(folder / "current", 100).decode(errors="replace").strip()

@@ -23,12 +23,16 @@ from pathlib import Path
 from typing import Any
 
 from bench.errors import InputError, suggest_names
+from bench.ground.closed import close_corpora
 
 # Groups of the parts of a run, by the key that names them
 PART_GROUPS = {"protocol": "protocols", "features": "features", "model": "models"}
 CAPTURES_VIEW = "bench.reports.views.captures:Captures"
 FILE_MODULE_PREFIX = "touchbench_file_"  # of the names of modules that are loaded from files
-PACKAGES = {"circumstances": "bench.running.circumstances"}  # of groups that lie deeper
+PACKAGES = {  # of groups that lie deeper
+    "circumstances": "bench.running.circumstances",
+    "sources": "bench.corpora.sources",
+}
 KEYS = {"corpora": "format"} | {group: key for key, group in PART_GROUPS.items()}
 
 
@@ -172,7 +176,11 @@ def _import_file(argument: str, path: Path, module_name: str) -> None:
     if str(path.parent) not in sys.path:  # as Python does for a script
         sys.path.insert(0, str(path.parent))
     try:
-        spec.loader.exec_module(module)
+        with close_corpora():
+            spec.loader.exec_module(module)
+    except InputError as e:
+        del sys.modules[module_name]
+        raise InputError(f"{argument}: {path.name} cannot be imported: {e}") from e
     except Exception as e:  # a file of the user's may raise anything
         del sys.modules[module_name]
         raise InputError(

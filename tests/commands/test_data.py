@@ -8,8 +8,12 @@ import pytest
 import bench
 from bench.cli import main
 from bench.commands.data import _export_corpus, _possible_protocol, import_and_print
+from bench.corpora import download, sources
 from bench.corpora.library import open_corpus
+from bench.corpora.read import haart
 from bench.grammar.options import parse_arguments
+from bench.ground.scratch import data_folder
+from tests.corpora.made import archive
 
 SMALL = {"variants": ("normal",), "repetitions": 1}
 ONE_PERSON = {"subjects": "1", "variants": "normal", "repetitions": "1"}
@@ -60,3 +64,42 @@ def test_exported_captures_come_back_as_they_were_and_still_synthetic(kind, caps
     upside = made.frames[:, ::-1] if rate else made.frames  # rows of a table are as in the file
     assert (again.frames == upside).all()
     assert main(["data", "verify", "copy"]) == 0
+
+
+def test_get_imports_a_release_that_is_the_published_one_and_no_other(
+    monkeypatch, tmp_path, capsys
+):
+    def arrive(address, file):
+        """Stand in for a download."""
+        archive(file.parent, name=file.name)
+
+    monkeypatch.setenv("TOUCHBENCH_HOME", str(tmp_path))
+    monkeypatch.setattr(download, "_download_patiently", arrive)
+    figures = {"train": {"captures": 1}, "test": {"captures": 1}}
+    monkeypatch.setattr(haart, "PUBLISHED", figures)
+    monkeypatch.setattr(haart, "PUBLISHED_SUBJECTS", 2)
+    assert main(["data", "get", "haart"]) == 0
+    assert "haart: 2 captures" in capsys.readouterr().out
+    digest = open_corpus("haart", {}).digest
+    changed = {**vars(sources.HAART), "digest": "0" * 16}
+    monkeypatch.setattr(sources, "HAART", sources.Source(**changed))
+    for wrong in ("other readings", "captures: 1 here, 578 published"):
+        assert main(["data", "get", "haart"]) == 2
+        error = capsys.readouterr().err
+        assert wrong in error and 'bench data import haart "HAART DataSet.zip"' in error
+        monkeypatch.setattr(haart, "PUBLISHED", {**figures, "train": {"captures": 578}})
+    assert open_corpus("haart", {}).digest == digest
+    assert not [*(data_folder() / "downloads").glob("*.zip*")]
+
+
+@pytest.mark.parametrize(
+    ("typed", "fact"),
+    [
+        (["cost"], "accept=yes"),
+        (["har"], "did you mean haart?"),
+        (["haart", "adress=x"], "did you mean address?"),
+    ],
+)
+def test_get_refuses_before_it_downloads(typed, fact, capsys):
+    assert main(["data", "get", *typed]) == 2
+    assert fact in capsys.readouterr().err

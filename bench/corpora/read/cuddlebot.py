@@ -21,7 +21,8 @@ from bench.errors import InputError
 ROWS, FRAMES = 10, 540  # a repetition is 10 s at 54 Hz
 TAXELS = [f"taxel{i}" for i in range(1, 11)]  # of a row; files have no header
 RATE_HZ, FULL_SCALE = 54.0, 1023
-NAME = re.compile(rf"[0-9]+-([0-9]{{1,4}})(cover|none)(dynamic|static)({'|'.join(GESTURES)})\.csv")
+SUBJECTS = "[2-9]|1[0-7]"  # of the study; the repository has trials of a first person, too
+NAME = re.compile(rf"[0-9]+-({SUBJECTS})(cover|none)(dynamic|static)({'|'.join(GESTURES)})\.csv")
 PUBLISHED = {"captures": 902, "files": 447, "subjects": 16}
 LARGEST = 64 << 20  # bytes of a file
 SOURCE = (
