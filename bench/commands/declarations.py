@@ -151,8 +151,8 @@ REPORT = Command(
             "paper",
             "text",
             "accuracy",
-            "columns of paper.tex and paper.csv: accuracy and macro_f1 under each protocol; fit, "
-            "predict and flash",
+            "columns of paper.tex and paper.csv: accuracy, interval, p, published, macro_f1 and "
+            "seed_sd (SD over seeds) under each protocol; fit, predict and flash",
         ),
         Option(
             "history",
@@ -289,8 +289,8 @@ AUDIT = Command(
     "Verifies on generated captures that a system predicts without labels and one capture at a "
     "time. Equal seeds must give equal results, and test captures and earlier fits must change "
     "nothing. The system must accept another grid and frame rate, and it must be possible to copy, "
-    "save and load it. Nothing is stored. Exit code 1 if a check failed. The audit finds mistakes, "
-    "not fraud.",
+    "save and load it. With data=, two more checks find a system that reads the files of a corpus. "
+    "Nothing is stored. Exit code 1 if a check failed. The audit finds mistakes, not fraud.",
     "bench audit model=my.py:Mine\nbench audit model=lda,svm features=touch",
     options=(
         MODEL,
@@ -300,8 +300,7 @@ AUDIT = Command(
             "data",
             "text",
             "",
-            "an imported corpus to repeat it on, with exchanged labels and people: finds systems "
-            "that read its files",
+            "also audit on this imported corpus, with exchanged labels and people",
         ),
     ),
 )

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -26,6 +26,7 @@ from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.corpora.synth import generate
 from bench.errors import HiddenError, InputError, PredictionError
+from bench.ground.closed import close_corpora
 from bench.plan import objects
 from bench.plan.cells import Cell
 from bench.plan.plan import check_system
@@ -36,6 +37,9 @@ EQUAL = 1e-6  # of a probability: two fits that should be the same
 LEVEL = 0.999  # of the interval around chance
 TRAINED = ("1", "2", "3")  # subjects; the other two are tested
 SEEDS = ("seed", "random_state")  # parameters that declare random training
+
+
+Check = tuple[Callable[[Any], str], str]  # and the name of the check that must pass before
 
 
 class Mistake(Exception):
@@ -333,7 +337,7 @@ def check_saving(audited: AuditedSystem) -> str:
 
 
 # In the order of the table: each check, and the check without which it is not applicable.
-CHECKS: dict[str, tuple[Callable[[AuditedSystem], str], str]] = {
+CHECKS: dict[str, Check] = {
     "fit": (check_fit, ""),
     "no labels needed": (check_blindness, "fit"),
     "labels and probabilities": (check_labels, "no labels needed"),
@@ -352,13 +356,23 @@ CHECKS: dict[str, tuple[Callable[[AuditedSystem], str], str]] = {
 
 def audit_system(cell: Cell) -> list[CheckResult]:
     """Run every check on the system of a cell; its data and protocol are not used."""
-    audited, results = AuditedSystem(cell), list[CheckResult]()
-    with limit_threads(1), warnings.catch_warnings():
+    with close_corpora(), limit_threads(1), warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        for name in CHECKS:
-            started = time.perf_counter()
-            result, sentence = _run_check(name, audited, results)
-            results.append(CheckResult(name, result, sentence, time.perf_counter() - started))
+        return run_checks(AuditedSystem(cell), CHECKS, [])
+
+
+def run_checks(
+    audited: object, checks: dict[str, Check], earlier: Sequence[CheckResult]
+) -> list[CheckResult]:
+    """Run checks in their order, after earlier ones."""
+    results = list[CheckResult]()
+    for name, (check, needed) in checks.items():
+        started, all_results = time.perf_counter(), [*earlier, *results]
+        if needed in {each.check for each in all_results if each.result != PASSED}:
+            result, sentence = SKIPPED, f"not checked, as {needed!r} has not passed"
+        else:
+            result, sentence = _run_check(check, audited, is_first=not all_results)
+        results.append(CheckResult(name, result, sentence, time.perf_counter() - started))
     return results
 
 
@@ -375,17 +389,14 @@ def refuse_system(cell: Cell) -> None:
         raise InputError(f"model={name}: it cannot be made: {_last_line(e)}") from e
 
 
-def _run_check(name: str, audited: AuditedSystem, earlier: list[CheckResult]) -> tuple[str, str]:
+def _run_check(check: Callable[[Any], str], audited: object, is_first: bool) -> tuple[str, str]:
     """Run one check; return its result and sentence."""
-    check, needed = CHECKS[name]
-    if needed in {each.check for each in earlier if each.result != PASSED}:
-        return SKIPPED, f"not checked, as {needed!r} has not passed"
     try:
         return PASSED, check(audited)
     except SkippedCheck as e:
         return SKIPPED, str(e)
     except InputError as e:
-        return SKIPPED if earlier else FAILED, f"the system refuses these captures: {e}"
+        return FAILED if is_first else SKIPPED, f"the system refuses these captures: {e}"
     except (Mistake, HiddenError) as e:  # which names the attribute
         return FAILED, str(e)
     except Exception as e:  # a system of the user's may raise anything

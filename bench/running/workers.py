@@ -4,21 +4,26 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import threading
 import time
 from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import suppress
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any, Self
 
 from joblib.externals.loky import get_reusable_executor
 
 from bench import contract
 from bench.corpora.corpus import Corpus
+from bench.ground.closed import close_corpora
 from bench.ground.machine import this_machine
 from bench.ground.progress import console
+from bench.ground.registry import FILE_MODULE_PREFIX
+from bench.ground.source import is_user_code
 from bench.plan.cells import Cell
 from bench.plan.plan import Fold, Plan, usable_cores
 from bench.running.evaluation import evaluate_fold
@@ -132,13 +137,48 @@ def run_fold(cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult
     reset_peak_memory()
     started = time.perf_counter()
     try:
-        result = evaluate_fold(cell, corpus, fold, threads)
+        with fresh_modules(), close_corpora():
+            result = evaluate_fold(cell, corpus, fold, threads)
     except KeyboardInterrupt:  # in this process
         raise
     except BaseException:  # a system may raise anything; even `sys.exit` only fails its fold
         result = FoldResult(fold.name, error=format_traceback())
     result.seconds, result.machine = time.perf_counter() - started, this_machine()
     return result
+
+
+@contextmanager
+def fresh_modules() -> Iterator[None]:
+    """Import files of the user, and what they import from their folder, anew for a fold.
+
+    So a fold finds nothing that an earlier one left in a module or a class. The modules of before
+    return at the end: objects of this process belong to them.
+    """
+    before = {name: sys.modules.pop(name) for name in _modules_of_files()}
+    try:
+        yield
+    finally:
+        for name in _modules_of_files():
+            del sys.modules[name]
+        sys.modules.update(before)
+
+
+def _modules_of_files() -> list[str]:
+    """Names of the modules of loaded files, and of modules that lie in the folders of the files."""
+    files = {}
+    for name, module in [*sys.modules.items()]:
+        if isinstance(file := getattr(module, "__file__", None), str):
+            files[name] = file
+    loaded = [name for name in files if name.startswith(FILE_MODULE_PREFIX)]
+    folders = {Path(files[name]).parent for name in loaded}
+    prefixes, beside = tuple(f"{folder}{os.sep}" for folder in folders), []
+    for name, file in files.items():
+        if not file.startswith(prefixes) or name.startswith("__"):  # the command itself
+            continue
+        depth = name.count(".") + file.endswith("__init__.py")
+        if Path(file).parents[depth] in folders and is_user_code(file):
+            beside.append(name)
+    return [*dict.fromkeys(loaded + beside)]
 
 
 def fill_cache(cell: Cell, corpus: Corpus) -> None:
