@@ -201,8 +201,8 @@ def _get_corpus(name: str, values: dict[str, str]) -> int:
     keys = typed_settings("data", {k: v for k, v in values.items() if k in GET_KEYS}, GET_OPTIONS)
     options = {key: value for key, value in values.items() if key not in GET_KEYS}
     for key in options:
-        if key not in (known := ("name", *cuts.OPTIONS)):
-            hint = suggest_names(key, {*known, *GET_KEYS})
+        if key not in ("name", *cuts.OPTIONS):
+            hint = suggest_names(key, {"name", *cuts.OPTIONS, *GET_KEYS})
             raise InputError(f"bench data get has no key {key!r}; {hint}")
     if source.must_accept and not keys["accept"]:
         raise InputError(
