@@ -292,25 +292,26 @@ def latex(runs: pd.DataFrame, paper: Sequence[str] | str = ()) -> str:
         runs: rows of `runs`, or of a function that makes runs. Runs on the same captures, under the
             same protocol and in the same unit share a table; p is corrected for its systems.
         paper: columns of a table with systems as rows and protocols side by side: ``accuracy``
-            (mean over people ± SD) and ``macro_f1`` under each protocol, ``fit``, ``predict`` and
-            ``flash`` of each system. Protocols that mix people are marked. Empty for a table of
-            each protocol.
+            (mean over people ± SD), ``interval``, ``p``, ``published``, ``macro_f1`` and
+            ``seed_sd`` under each protocol, ``fit``, ``predict`` and ``flash`` of each system.
+            Seeds are averaged. Protocols that mix people are marked. Empty for a table of each
+            protocol.
 
     Returns:
         Text for a document that loads booktabs and graphicx.
     """
     from bench.reading.frame import group_results
     from bench.reading.runs import results_on_captures
-    from bench.reports import latex
-    from bench.reports.comparison import score_rows
-    from bench.reports.latex import make_papers, papers_latex, parse_columns
+    from bench.reports.comparison import average_seeds, score_rows
+    from bench.reports.latex import comparison_latex, make_papers, papers_latex, parse_columns
 
     if "run_id" not in runs:
         raise InputError("bench.latex: give the table of bench.runs()")
     results = results_on_captures(_load_selected({"run": [*runs["run_id"]]}))
+    rows = average_seeds(score_rows(group_results(results)), results)
     if paper:
-        return papers_latex(make_papers(results, parse_columns(paper)))
-    return latex.comparison_latex(score_rows(group_results(results)))
+        return papers_latex(make_papers(rows, parse_columns(paper)))
+    return comparison_latex(rows)
 
 
 def _load_selected(values: Mapping[str, object]) -> list:

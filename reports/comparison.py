@@ -11,15 +11,17 @@ from functools import cache
 from importlib.resources import files
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from bench.grammar.help import define_classifiers
 from bench.reading import statistics
 from bench.reading.frame import accuracy_by_subject, name_rows
 from bench.reports.notes import busy_machine_notes
-from bench.values import few
+from bench.values import few, scores
 from bench.values.columns import run_columns, unit_headings
-from bench.values.measures import Cost, Measure, Row, text_measure
+from bench.values.intervals import mean_interval
+from bench.values.measures import Cost, Measure, Row, text_measure, value_or_none
 from bench.values.result import Result, footnotes_of_system, seed_number
 from bench.values.table import Table, rows_of_frame, text_table
 
@@ -91,6 +93,70 @@ def score_rows(
         return *context, -best[*context, system], system, seed_number(row["seed"])
 
     return sorted(rows, key=order)
+
+
+def protocol_precedence(results: Sequence[Result]) -> tuple[bool, bool, int]:
+    """The place of a protocol beside others on the same captures: new persons first.
+
+    Protocols without a draw and declared splits precede random ones; then come those that test
+    most subjects.
+    """
+    is_mixed = any(r.mixes_subjects for r in results)
+    is_drawn = any("protocol.seed" in r and r["official_split"] != "true" for r in results)
+    return is_mixed, is_drawn, -int(max(r.get("subjects", 0) for r in results))
+
+
+def average_seeds(rows: Sequence[Row], results: Sequence[Result]) -> list[Row]:
+    """Average the seeds of each system in rows of `score_rows`, best first in each table.
+
+    ``accuracy``, its interval and ``subject_sd`` are over subjects, of the mean over seeds of each.
+    ``seeds`` is their number, ``seed_sd`` the SD over them, ``result`` a run of ``results``. A run
+    with failed folds keeps its row.
+    """
+    runs = {r["run_id"]: r for r in results}
+    systems: dict[tuple, list[Row]] = {}
+    for row in rows:
+        run = runs[row["run_id"]]
+        part = "" if run.is_complete else row["run_id"]
+        key = (*row_context(row), row["system"], row["combined"], part)
+        systems.setdefault(key, []).append({**row, "result": run})
+    averaged = [_average_rows(each) for each in systems.values()]
+    return sorted(averaged, key=lambda row: (*row_context(row), -row["accuracy"]))
+
+
+def _average_rows(rows: Sequence[Row]) -> Row:
+    """One row for the seeds of a system."""
+    if len(rows) == 1:
+        return {**rows[0], "seeds": 1}
+    mean, seeds = mean_of_rows(rows), [row["accuracy"] for row in rows]
+    mean |= {"name": mean["system"], "result": rows[0]["result"]}
+    people = pd.DataFrame(map(_accuracies_of_row, rows)).mean() / 100
+    low, high = np.clip(mean_interval(people.to_numpy()), 0, 1)
+    mean |= {"accuracy_low": low, "accuracy_high": high, "subject_sd": people.std(ddof=1)}
+    return mean | {"seeds": len(rows), "seed_sd": pd.Series(seeds).std(ddof=1)}
+
+
+def _accuracies_of_row(row: Row) -> dict[str, float]:
+    """Accuracy on each subject in percent, in the unit of a row."""
+    of_unit = (row["unit"], row.get("combined"))
+    prefix = next((p for p, (*unit, _) in VARIANTS.items() if of_unit == (*unit,)), "")
+    if not prefix:
+        return row["result"].accuracy_by_subject
+    labelled = scores.label_by_prefix(row["result"].tables["predictions"], prefix)
+    people = scores.accuracy_by_subject(labelled)
+    return dict(zip(people["subject"], 100 * people["accuracy"], strict=True))
+
+
+def mean_of_rows(rows: Sequence[Row]) -> dict[str, Any]:
+    """Means of the numbers of some rows, and texts that they share."""
+    means = {}
+    for name in dict.fromkeys(name for row in rows for name in row):
+        values = [value for row in rows if (value := value_or_none(row.get(name))) is not None]
+        if values and all(isinstance(value, int | float) for value in values):
+            means[name] = sum(values) / len(values)
+        elif len({*values}) == 1:
+            means[name] = values[0]
+    return means
 
 
 def row_context(row: Row) -> tuple[str, ...]:

@@ -5,10 +5,9 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 from math import nan
-from statistics import mean
 from typing import Any
 
 import numpy as np
@@ -16,13 +15,20 @@ import pandas as pd
 
 from bench.errors import InputError, suggest_names
 from bench.grammar.help import define_classifiers
-from bench.reading.frame import accuracy_by_subject
-from bench.reports.comparison import row_context
+from bench.reports.comparison import protocol_precedence, row_context
 from bench.reports.notes import busy_machine_notes
 from bench.values import few
 from bench.values.columns import run_columns, unit_headings
-from bench.values.measures import Cost, Measure, percent_measure, text_measure, value_or_none
-from bench.values.result import BATCH_MARK, MIXED_MARK, MIXED_NOTE, Result, Row, footnotes_of_system
+from bench.values.measures import (
+    UNKNOWN,
+    Cost,
+    Measure,
+    format_p_value,
+    text_measure,
+    to_percent,
+    value_or_none,
+)
+from bench.values.result import BATCH_MARK, MIXED_MARK, MIXED_NOTE, Row, footnotes_of_system
 from bench.values.sentences import render_sentences
 from bench.values.table import Table
 
@@ -43,7 +49,23 @@ ESCAPED = {sign: rf"\{sign}" for sign in "&%$#_{}"} | {
     MIXED_MARK: r"$^\ddagger$",
 }
 LATIN = "\N{LATIN SMALL LETTER LONG S}"  # the last letter that pdflatex sets
-SCORES = ("accuracy", "macro_f1")  # columns under each protocol
+MEAN, SEED_SD, PUBLISHED = "accuracy %", "SD over seeds %", "published %"
+SHARES = {  # columns of paper.csv in percent, by the share in a row of `average_seeds`
+    "accuracy": MEAN,
+    "subject_sd": "SD %",
+    "accuracy_low": "low %",
+    "accuracy_high": "high %",
+    "macro_f1": "macro_f1 %",
+    "seed_sd": SEED_SD,
+}
+SCORES = {  # columns under each protocol
+    "accuracy": Measure(MEAN, "accuracy", (MEAN, "SD %"), join=" ± "),
+    "interval": Measure("low %", "95 % interval", ("low %", "high %"), join=" to "),
+    "p": Measure("p Holm", "p", form=format_p_value),
+    "published": text_measure(PUBLISHED, "published"),
+    "macro_f1": Measure("macro_f1 %", "F1"),
+    "seed_sd": Measure(SEED_SD, "SD of seeds"),
+}
 HEADINGS = {
     "accuracy": "accuracy",
     "macro_f1": "macro-F1",
@@ -78,9 +100,16 @@ class Paper:
 
 
 def comparison_latex(rows: Sequence[Row]) -> str:
-    """The rows of `bench.reports.comparison.score_rows`, a table for each comparable set."""
+    """The rows of `bench.reports.comparison.average_seeds`, a table for each comparable set."""
+    people: dict[tuple, int] = {}  # by captures
+    for row in rows:
+        captures = (row["data"], row["subset"])
+        people[captures] = max(people.get(captures, 0), int(row["subjects"]))
     parts = [[*part] for _, part in groupby(rows, row_context)]
-    tables = [_comparison_table(part, i) for i, part in enumerate(parts, 1)]
+    tables = [
+        _comparison_table(part, i, people[part[0]["data"], part[0]["subset"]])
+        for i, part in enumerate(parts, 1)
+    ]
     return _join_tables("corpus, subset, protocol and unit", tables)
 
 
@@ -103,15 +132,18 @@ def escape_latex(words: object) -> str:
     return "".join(ESCAPED.get(c, c) for c in " ".join(str(words).split()) if c.isprintable())
 
 
-def _comparison_table(rows: Sequence[Row], number: int) -> str:
-    """One table of comparable rows, its best accuracy in bold."""
-    table = Table([text_measure("system", source=_row_name), *run_columns("latex")], rows)
+def _comparison_table(rows: Sequence[Row], number: int, people: int) -> str:
+    """One table of comparable rows, its best accuracy in bold; ``people`` have such captures."""
+    columns = [text_measure("system", source=_row_name), *run_columns("latex")]
+    if len({row["seeds"] for row in rows}) > 1:
+        columns.append(Measure("seeds", form=".0f"))
+    table = Table(columns, rows)
     headings = {m.name: HEADINGS.get(m.key, m.name) for m in table.columns}
     cells = table.to_text_frame().rename(columns=headings)
     compared = [nan if row["system"].endswith(BATCH_MARK) else row["accuracy"] for row in rows]
     best = np.array(compared) == np.fmax.reduce(compared)  # nothing equals NaN
     classifiers, comments = _classifier_sentences(row["system"] for row in rows)
-    caption = _comparison_caption(rows, classifiers)
+    caption = _comparison_caption(rows, classifiers, people)
     bold = {HEADINGS["accuracy"]: best & (len(rows) > 1)}
     return comments + _table_latex(cells, bold, caption, f"{number}")
 
@@ -169,7 +201,7 @@ def _table_latex(
     return latex.replace(r"\end{tabular}", r"\end{tabular}}")
 
 
-def _comparison_caption(rows: Sequence[Row], classifiers: Sequence[str]) -> str:
+def _comparison_caption(rows: Sequence[Row], classifiers: Sequence[str], people: int) -> str:
     """Data, subset, protocol, unit, captures and subjects, and the meaning of the columns."""
     first, data = rows[0], rows[0]["data"]
     corpus = re.search(r"corpus [0-9a-f]+$", first["group"])
@@ -184,7 +216,8 @@ def _comparison_caption(rows: Sequence[Row], classifiers: Sequence[str]) -> str:
         *("bench.reports", "sentences", "caption"),
         where=f"{data}{f' ({corpus[0]})' if corpus else ''}, {subset}, {first['protocol']}",
         captures=_number_range(values("captures")),
-        subjects=_number_range(subjects),
+        subjects=_number_range(subjects) + f" of {people}" * (people > max(subjects)),
+        seeds=_seed_words({int(row["seeds"]) for row in rows}),
         synthetic="(synthetic)" in data,
         unit=first["unit"],
         interval=bool(values("accuracy_low")),
@@ -228,13 +261,18 @@ def parse_columns(value: str | Iterable[str]) -> list[str]:
     return [name for name in columns if name in names]
 
 
-def make_papers(runs: Sequence[Result], columns: Sequence[str]) -> list[Paper]:
-    """A table for each corpus, subset and target: means over people of complete results."""
-    corpora: dict[tuple[str, str, str], dict[str, list[Result]]] = {}
-    for r in (r for r in runs if r.is_complete):
-        data, subset, protocol = r.context
-        protocols = corpora.setdefault((data, subset, str(r["corpus_digest"])), {})
-        protocols.setdefault(protocol, []).append(r)
+def make_papers(rows: Iterable[Row], columns: Sequence[str]) -> list[Paper]:
+    """A table for each corpus, subset and target, of rows of `average_seeds` on whole captures.
+
+    Runs with failed folds are left out.
+    """
+    corpora: dict[tuple[str, str, str], dict[str, list[Row]]] = {}
+    for row in rows:
+        run = row["result"]
+        if run.is_complete and row["unit"] == "capture" and row.get("combined") != "majority vote":
+            data, subset, protocol = run.context
+            protocols = corpora.setdefault((data, subset, str(run["corpus_digest"])), {})
+            protocols.setdefault(protocol, []).append(row)
     versions = Counter(key[:2] for key in corpora)
     papers = []
     for (data, subset, digest), protocols in corpora.items():
@@ -244,46 +282,112 @@ def make_papers(runs: Sequence[Result], columns: Sequence[str]) -> list[Paper]:
 
 
 def _make_paper(
-    corpus: tuple[str, str], protocols: Mapping[str, list[Result]], columns: Sequence[str]
+    corpus: tuple[str, str], protocols: Mapping[str, Sequence[Row]], columns: Sequence[str]
 ) -> Paper:
-    """The table of results on the same captures, by protocol."""
-    people = {name: accuracy_by_subject(results)[0] for name, results in protocols.items()}
-    mixed = {name for name, results in protocols.items() if any(r.mixes_subjects for r in results)}
-    ordered = sorted(protocols, key=lambda name: (name in mixed, -people[name].shape[1], name))
+    """The table of averaged rows on the same captures, by protocol."""
+    runs = {name: [row["result"] for row in each] for name, each in protocols.items()}
+    mixed = {name for name, each in runs.items() if any(r.mixes_subjects for r in each)}
+    ordered = sorted(protocols, key=lambda name: (protocol_precedence(runs[name]), name))
     costs = [m for m in run_columns() if m.key in [COSTS.get(name) for name in columns]]
+    shown = [SCORES[name] for name in columns if name in SCORES]
     rows: dict[str, dict[str, Any]] = {}
     measures, headings, best = [text_measure("system")], [("", "system")], [""]
-    for name, title in _protocol_titles(ordered, mixed).items():
-        accuracy, sd, macro_f1 = (f"{title}: {each} %" for each in ("accuracy", "SD", "macro_f1"))
-        for system, scores in people[name].iterrows():
-            seeds = [r for r in protocols[name] if r.system == system]
-            row = rows.setdefault(str(system), {"system": str(system)})
-            row |= {accuracy: scores.mean(), sd: scores.std(ddof=1)}
-            row[macro_f1] = mean(r["macro_f1"] for r in seeds)
-            for cost in costs if name == ordered[0] else ():
-                row[cost.source_name] = mean(r.get(cost.source_name, nan) for r in seeds)
-        if "accuracy" in columns:
-            compared = [str(s) for s in people[name].index if not str(s).endswith(BATCH_MARK)]
-            measures.append(Measure(accuracy, title, (accuracy, sd), join=" ± "))
-            headings.append((title, "accuracy"))
-            best.append(compared[0] if len(compared) > 1 else "")
-        if "macro_f1" in columns:
-            measures.append(percent_measure(macro_f1, f"{title}, macro-F1"))
-            headings.append((title, "F1"))
-            best.append("")
+    counts: dict[str, list[int]] = {}  # of seeds
+    elsewhere: dict[str, list[str]] = {}  # systems whose costs are those under another protocol
+    titles = _protocol_titles(ordered, mixed)
+    for name, title in titles.items():
+        for row in protocols[name]:
+            system = str(row["system"])
+            if system not in rows:
+                of_costs = {cost.source_name: row.get(cost.source_name) for cost in costs}
+                rows[system] = {"system": system, **of_costs}
+                if name != ordered[0]:
+                    elsewhere.setdefault(title, []).append(system)
+            numbers: dict[str, Any] = {
+                column: to_percent(row.get(share, nan)) for share, column in SHARES.items()
+            }
+            numbers |= {"p Holm": row.get("p_holm"), PUBLISHED: _numbers_only(row.get("published"))}
+            rows[system] |= {f"{title}: {column}": value for column, value in numbers.items()}
+            counts.setdefault(system, []).append(row["seeds"])
+        names = [str(row["system"]) for row in protocols[name]]
+        compared = [system for system in names if not system.endswith(BATCH_MARK)]
+        for measure in shown:
+            column = _measure_under(title, measure)
+            if not any(column.as_text(row) != UNKNOWN for row in rows.values()):
+                continue  # such as p of three people
+            measures.append(column)
+            headings.append((title, measure.name))
+            is_bold = measure.key == MEAN and len(compared) > 1
+            best.append(compared[0] if is_bold else "")
+    seeds = {count for each in counts.values() for count in each}
+    if len(seeds) > 1:
+        for system, each in counts.items():
+            rows[system]["seeds"] = _number_range(each)
+        measures.append(text_measure("seeds"))
+        headings.append(("", "seeds"))
+    headings += [("costs", HEADINGS[cost.key]) for cost in costs]
+    best += [""] * (len(headings) - len(best))
+    every = [row for name in ordered for row in protocols[name]]
+    tested = {row["protocol"]: row["against"] for row in every if row.get("against")}
     footnotes = [note.rstrip(".") for s in rows for note in footnotes_of_system(s, corpus[0])]
     notes = render_sentences(
         *("bench.reports", "sentences", "paper_notes"),
         synthetic="(synthetic)" in corpus[0],
-        protocols=ordered,
+        protocols=_describe_protocols(protocols, ordered),
         columns=columns,
-        costs=headings[1][0] if costs else "",
+        seeds=_seed_words(seeds),
+        costs=titles[ordered[0]] if costs else "",
+        elsewhere=elsewhere if costs else {},
+        against=_words_by_protocol(tested) if "p" in columns else "",
+        published=[
+            f"{row['system']} under {row['protocol']}: {row['published']}"
+            for row in every
+            if row.get("published") and "published" in columns
+        ],
         mixed=f"{MIXED_MARK} {MIXED_NOTE}" if mixed else "",
         notes=[*dict.fromkeys(footnotes)],
     )
-    headings += [("costs", HEADINGS[cost.key]) for cost in costs]
-    table = Table([*measures, *costs], [*rows.values()])
-    return Paper(corpus, table, headings, best + [""] * len(costs), notes)
+    return Paper(corpus, Table([*measures, *costs], [*rows.values()]), headings, best, notes)
+
+
+def _measure_under(title: str, measure: Measure) -> Measure:
+    """A column of `SCORES` under a protocol."""
+    sources = measure.source if isinstance(measure.source, tuple) else (measure.key,)
+    names = tuple(f"{title}: {name}" for name in sources)
+    source = names if isinstance(measure.source, tuple) else names[0]
+    key, heading = f"{title}: {measure.key}", f"{title}: {measure.name}"
+    return replace(measure, key=key, heading=heading, source=source)
+
+
+def _numbers_only(published: str | None) -> str | None:
+    """Published numbers without their units and sources."""
+    return published and re.sub(r" \(.*?\)(?=;|$)", "", published)
+
+
+def _seed_words(numbers: set[int]) -> str:
+    """Say over how many seeds the numbers of a table are means; empty for one of each system."""
+    if numbers == {1}:
+        return ""
+    return f"{max(numbers)} seeds" if len(numbers) == 1 else "the seeds of each system"
+
+
+def _words_by_protocol(words: Mapping[str, str]) -> str:
+    """Words that all protocols share, or those of each."""
+    if len({*words.values()}) < 2:
+        return next(iter(words.values()), "")
+    return ", ".join(f"{text} ({protocol})" for protocol, text in words.items())
+
+
+def _describe_protocols(
+    protocols: Mapping[str, Sequence[Row]], ordered: Sequence[str]
+) -> list[str]:
+    """Each protocol, with its number of tested people where another one tests more."""
+    people = {name: int(max(row["subjects"] for row in protocols[name])) for name in ordered}
+    everyone = max(people.values())
+    return [
+        f"{name}, tests {people[name]} of {everyone} people" if people[name] < everyone else name
+        for name in ordered
+    ]
 
 
 def _protocol_titles(names: Sequence[str], mixed: set[str]) -> dict[str, str]:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bench.reports.comparison import score_variants
+from bench.reports.comparison import mean_of_rows, score_variants
 from bench.reports.sections import runs_of_systems
 from bench.reports.summary import Summary, cost_column, model_family
 from bench.values import scores
@@ -48,7 +48,7 @@ def page_data(summary: Summary, models: Mapping[str, str]) -> str:
     for row in table.rows:
         of_system = seed_rows.get(row["system"], []) if row["tested"] else []
         spread = {"subject_sd": subjects.loc[row["id"]].std() / 100}
-        rows.append({**_mean_over_seeds(of_system), **spread, **row})
+        rows.append({**mean_of_rows(of_system), **spread, **row})
         seeds.append(of_system if len(of_system) > 1 else [])
     columns = _all_columns(summary, table)
     texts = replace(table, columns=columns, rows=rows).texts
@@ -138,18 +138,6 @@ def _seed_measure(measure: Measure) -> Measure:
         cost = all_costs()[measure.key]
         return replace(cost, heading=measure.name, form=format_three_digits)
     return measure
-
-
-def _mean_over_seeds(seeds: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Means of the numbers of some seeds, and texts that they share."""
-    means = {}
-    for name in dict.fromkeys(name for row in seeds for name in row):
-        values = [value for row in seeds if (value := value_or_none(row.get(name))) is not None]
-        if values and not any(isinstance(value, str) for value in values):
-            means[name] = sum(values) / len(values)
-        elif len({*values}) == 1:
-            means[name] = values[0]
-    return means
 
 
 def _capture_labels(summary: Summary, runs: Mapping[str, Sequence[Result]]) -> dict[str, Any]:

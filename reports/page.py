@@ -25,6 +25,7 @@ from bench.reports.bundle import Bundle
 from bench.reports.chart import chart_points, draw_cost_chart
 from bench.reports.comparison import (
     UNITS,
+    average_seeds,
     comparison_table,
     load_published,
     provenance_section,
@@ -158,14 +159,15 @@ class Report:
 
     def write(self, paper_columns: Sequence[str]) -> list[Path]:
         """Write all files; their paths relative to the folder, the page last."""
-        papers = make_papers(self.runs, paper_columns)
+        averaged = average_seeds(self.rows, self.runs)
+        papers = make_papers(averaged, paper_columns)
         tables = self.csv_tables() | ({"paper": papers_table(papers)} if papers else {})
         for name, table in tables.items():
             headings = UNITS if name == "comparison" else {}
             write_sheet(table.rename(columns=headings), self.folder / f"{name}.csv")
         texts = {}
         if self.runs:
-            texts = {"comparison.tex": comparison_latex(self.rows)}
+            texts = {"comparison.tex": comparison_latex(averaged)}
             texts["paper.tex"] = papers_latex(papers)
         values = {name: make_section(self) for name, make_section in SECTIONS.items()}
         title = f"Which system to choose: {', '.join(values['head']['corpora'])}"

@@ -175,10 +175,7 @@ def _interval_in_unit(run: Result, prefix: str, metric: str) -> tuple[float, flo
     table = run.tables.get("predictions")
     if table is None:
         return np.nan, np.nan
-    if prefix == "window_":
-        labelled = scores.label_windows(table)
-    else:
-        labelled = scores.label_captures(table, vote=prefix == "vote_")
+    labelled = scores.label_by_prefix(table, prefix)
     if metric == "pooled_accuracy":
         low, high = scores.pooled_accuracy_interval(labelled)
     else:

@@ -19,6 +19,7 @@ from bench.reading import statistics
 from bench.reading.candidates import find_candidates
 from bench.reading.choice import Choice, candidate_name, choose_candidate
 from bench.reading.frame import accuracy_by_subject
+from bench.reports.comparison import protocol_precedence
 from bench.reports.figures import Picture
 from bench.values import few
 from bench.values.intervals import mean_interval
@@ -296,16 +297,14 @@ def split_largest_groups(
     """Results by group, and the names of groups beyond `GROUPS`.
 
     Corpora as imported now precede earlier captures, people precede generated captures, protocols
-    with new persons those that mix subjects; then come the groups with most subjects, then those
-    with most systems.
+    and others as `protocol_precedence` says; then come the groups with most systems.
     """
 
     def precedence(name: str) -> tuple:
         results = groups[name]
-        mixed = any(r.mixes_subjects for r in results)
         synthetic, stale = max(r["synthetic"] for r in results), any(r.is_stale for r in results)
-        subjects = max(r.get("subjects", 0) for r in results)
-        return stale, synthetic, mixed, -subjects, -len({r.system for r in results}), name
+        systems = len({r.system for r in results})
+        return stale, synthetic, *protocol_precedence(results), -systems, name
 
     ordered = sorted(groups, key=precedence)
     return {name: groups[name] for name in ordered[:GROUPS]}, ordered[GROUPS:]

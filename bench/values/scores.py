@@ -59,6 +59,13 @@ def label_captures(predictions: pd.DataFrame, vote: bool = False) -> pd.DataFram
     return rows.assign(predicted=most_probable_labels(score.to_numpy(), classes))
 
 
+def label_by_prefix(predictions: pd.DataFrame, prefix: str) -> pd.DataFrame:
+    """Label windows for ``window_``, else captures, by majority vote for ``vote_``."""
+    if prefix == "window_":
+        return label_windows(predictions)
+    return label_captures(predictions, vote=prefix == "vote_")
+
+
 def accuracy_by_subject(labelled: pd.DataFrame) -> pd.DataFrame:
     """Accuracy and number of captures (or windows) of each subject."""
     hit = labelled["true"] == labelled["predicted"]

@@ -11,6 +11,8 @@ import pytest
 
 import bench
 from bench.cli import main
+from bench.reading.frame import group_results
+from bench.reports.comparison import average_seeds, score_rows
 from bench.reports.latex import (
     COSTS,
     SCORES,
@@ -23,6 +25,10 @@ from bench.reports.latex import (
 from bench.values.result import BATCH_MARK
 from tests.reading.results import make_run, predictions_with_hits
 from tests.reports.store import tracked_run
+
+
+def averaged(runs):
+    return average_seeds(score_rows(group_results(runs)), runs)
 
 
 def row(system, accuracy, **more):
@@ -40,7 +46,7 @@ def row(system, accuracy, **more):
         "macro_f1": 0.499,
     }
     numbers |= {"flash_bytes": 4000, "predict_ms_p50": 1.5}
-    counts = {"captures": 48, "subjects": 4, "folds": "4/4", "seed": "0"}
+    counts = {"captures": 48, "subjects": 4, "folds": "4/4", "seed": "0", "seeds": 1}
     named = {"name": system, "system": system, "accuracy": accuracy / 100}
     return named | about | numbers | counts | more
 
@@ -60,27 +66,23 @@ def test_a_paper_has_protocols_side_by_side_with_means_and_sds_over_people():
             make_run(system, predictions_with_hits(row), cost=2.0, **about)
             for system, row in rows.items()
         ]
-    (one,) = make_papers(runs, ["accuracy", "macro_f1", "fit", "flash"])
+    (one,) = make_papers(averaged(runs), ["accuracy", "macro_f1", "fit", "flash"])
     seeds = 5 * (np.array(hits["LOSO"]["a"]) + [12, 16, 16, 14]) / 2  # percent of 20 captures
     rows = {row["system"]: row for row in one.table.texts}
-    loso, folds = [["LOSO", "LOSO, macro-F1"], ["10-fold ‡", "10-fold ‡, macro-F1"]]
-    assert [*rows] == ["b", "a"] and one.table.headings == [
-        "system",
-        *loso,
-        *folds,
-        "fit s",
-        "flash kB",
-    ]
+    scores = [f"{on}: {each}" for on in ("LOSO", "10-fold ‡") for each in ("accuracy", "F1")]
+    expected = ["system", *scores, "seeds", "fit s", "flash kB"]
+    assert [*rows] == ["b", "a"] and one.table.headings == expected
+    assert [rows[name]["seeds"] for name in "ba"] == ["1", "1 to 2"]
     assert (
-        rows["a"]["LOSO"] == f"{seeds.mean():.1f} ± {seeds.std(ddof=1):.1f}"
-        and rows["b"]["LOSO"] == "75.0 ± 10.0"
+        rows["a"]["LOSO: accuracy"] == f"{seeds.mean():.1f} ± {seeds.std(ddof=1):.1f}"
+        and rows["b"]["LOSO: accuracy"] == "75.0 ± 10.0"
     )
     assert (
-        rows["b"]["10-fold ‡"] == "-"
+        rows["b"]["10-fold ‡: accuracy"] == "-"
         and rows["b"]["flash kB"] == "8"
         and rows["b"]["fit s"] == "6.00"
     )
-    assert rows["a"]["LOSO, macro-F1"] == f"{50 * (runs[0]['macro_f1'] + runs[2]['macro_f1']):.1f}"
+    assert rows["a"]["LOSO: F1"] == f"{50 * (runs[0]['macro_f1'] + runs[2]['macro_f1']):.1f}"
     text = papers_latex([one])
     assert (
         r"b & \textbf{75.0 $\pm$ 10.0} &" in text
@@ -92,6 +94,36 @@ def test_a_paper_has_protocols_side_by_side_with_means_and_sds_over_people():
         table.loc["a", "LOSO: SD %"] == pytest.approx(seeds.std(ddof=1))
         and "‡" in table.loc["a", "note"]
     )
+
+
+def test_a_system_has_one_row_over_its_seeds_with_interval_test_and_people():
+    hits = {0: [10, 14, 18, 12, 9, 11], 1: [12, 16, 16, 14, 13, 9], 2: [11, 15, 17, 13, 8, 16]}
+    runs = [make_run("a", predictions_with_hits(row), seed=seed) for seed, row in hits.items()]
+    runs += [make_run("b", predictions_with_hits([19] * 6), seed="none")]
+    few = {"protocol_label": "challenge", "official_split": "true"}
+    runs += [make_run("c", predictions_with_hits([9, 12]), cost=4.0, **few)]
+    rows = averaged(runs)
+    (text,) = re.findall(r"^a .*", comparison_latex(rows), re.MULTILINE)
+    people = 5 * np.mean([*hits.values()], axis=0)  # percent of 20 captures
+    half = 2.5706 * people.std(ddof=1) / np.sqrt(6)  # t of 5 degrees of freedom
+    assert f"{people.mean():.1f} [{people.mean() - half:.1f}, {people.mean() + half:.1f}]" in text
+    assert "macro-F1 & fit s & ms & kB & seeds" in comparison_latex(rows)
+    assert text.endswith(r"& 3 \\")
+    assert "All numbers are means over the seeds of each system." in comparison_latex(rows)
+    assert "40 captures of 2 of 6 subjects" in comparison_latex(rows)
+    columns = ["accuracy", "interval", "p", "seed_sd", "flash"]
+    (one,) = make_papers(rows, columns)
+    cells = {row["system"]: row for row in one.table.texts}
+    seeds = [5 * np.mean(row) for row in hits.values()]
+    assert cells["a"]["LOSO: SD of seeds"] == f"{np.std(seeds, ddof=1):.1f}"
+    assert cells["a"]["LOSO: 95 % interval"] == (
+        f"{people.mean() - half:.1f} to {people.mean() + half:.1f}"
+    )
+    assert cells["a"]["LOSO: p"] == "0.031" and cells["b"]["LOSO: p"] == "-"
+    assert "challenge: p" not in cells["a"] and cells["c"]["flash kB"] == "16"
+    notes = " ".join(one.notes)
+    assert "against b" in notes and "challenge, tests 2 of 6 people" in notes
+    assert "Those of c are those under challenge." in notes
 
 
 def test_a_comparison_has_intervals_its_best_without_a_mark_and_its_p():
@@ -137,11 +169,11 @@ def test_tables_compile_and_fit_a_page():
         for name in names
         for on in protocols
     ]
-    side = papers_latex(make_papers(runs, [*SCORES, *COSTS]))
+    side = papers_latex(make_papers(averaged(runs), [*SCORES, *COSTS]))
     (caption,) = re.findall(r"\\caption\{(.*)\}\n", side)
     assert "tried=" not in caption and "tried=0" in side and r"\begin{table*}" in side
     assert r"\begin{table}" in papers_latex(
-        make_papers(runs[:1], ["accuracy"])
+        make_papers(averaged(runs[:1]), ["accuracy"])
     )  # takes one of two columns
     one = comparison_latex([row("a \\ { } \" ' ` ~ ^ < > | $ % # _ &", 50.0)] * 2)
     for columns in ("onecolumn", "twocolumn"):
