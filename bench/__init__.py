@@ -208,12 +208,14 @@ def predictions(
 
     Args:
         runs: rows of `runs`, or of a function that makes runs; None for all selected ones.
-        table: ``predictions`` (a row per decision with the probability of each class),
+        table: ``predictions`` (a row per capture, its windows combined: ``id``, ``subject``,
+            ``truth``, ``prediction``, which is empty if the system abstained, fold, conditions and
+            the probability of each class), ``decisions`` (the same of each window),
             ``per_subject``, ``labels`` (labels in the cases of circumstances) or another table.
         values: keys that select runs, as for `runs`.
 
     Returns:
-        The rows of the table with the ``name`` and ``run_id`` of their run.
+        The rows of the table with the ``name`` and ``run_id`` of their run; shares in percent.
     """
     from bench.reading.frame import join_tables
 

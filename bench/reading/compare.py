@@ -23,7 +23,7 @@ from bench.corpora.spellings import known_spelling, spelling_doubts
 from bench.errors import InputError, one_line
 from bench.reading import statistics
 from bench.reading.captures import stale_sentences
-from bench.reading.frame import group_results, name_rows
+from bench.reading.frame import group_results, name_rows, rename_labels
 from bench.reading.runs import results_on_captures
 from bench.values import few, scores
 from bench.values.measures import Measure, format_p_value
@@ -338,7 +338,7 @@ def side_of_runs(results: Sequence[Result], name: str, on: str) -> Side:
     parts = [scores.label_captures(r.tables["predictions"]) for r in results]
     rows = pd.concat(parts).sort_values("capture", kind="stable")
     rows = rows.astype({"capture": str, "subject": str})
-    rows = rows.rename(columns={"capture": "id", "true": "truth", "predicted": "prediction"})
+    rows = rename_labels(rows)
     right = (rows["truth"] == rows["prediction"]).astype(float)
     return Side(name, rows[COLUMNS].assign(right=right), on, stale_sentences(results))
 

@@ -9,6 +9,7 @@ import pandas as pd
 
 from bench.errors import InputError, suggest_names
 from bench.ground.typed import arguments_of_label, format_command
+from bench.values import scores
 from bench.values.result import FOLD_COUNTS, Result, Row, comparison_key, setting_phrases
 
 DESCRIPTION = (
@@ -23,7 +24,11 @@ ACCURACY_COLUMNS = {  # stored names by column
     "high": "accuracy_high",
     "subject_sd": "subject_sd",
 }
+LABELLED = ("predictions", "decisions")  # tables that are made of the stored predictions
+NAMES_OF_LABELS = {"capture": "id", "true": "truth", "predicted": "prediction"}
 PERCENT_OF_CASE = ("accuracy", "low", "high", "subject_sd", "loss")
+# Columns of stored tables that are shares
+SHARES = (*PERCENT_OF_CASE, "precision", "recall", "f1")
 # Beginnings of tags and parameters that other columns show, or that tell no reader anything.
 HIDDEN = tuple(
     "touchbench. version. mlflow. run_id status started artifacts git threads cpu simd unit "
@@ -141,8 +146,8 @@ def _describe_run(r: Result) -> dict[str, Any]:
     data, _, protocol = r.context
     parameters = [f"{key}={value}" for key, value in r.attributes.items() if _is_parameter(key)]
     parts = (r.system, r.get("model_name", ""), r.get("features_name", ""), ", ".join(parameters))
-    unit = r.attributes.get("unit", "capture")
-    context = (r["seed"], unit, r["subset"], r["target"], data, protocol)
+    # Accuracies are those of captures, also of systems on windows.
+    context = (r["seed"], "capture", r["subset"], r["target"], data, protocol)
     return dict(zip(DESCRIPTION, (*parts, *context), strict=True))
 
 
@@ -161,19 +166,45 @@ def _numbers_in_percent(r: Result) -> dict[str, Any]:
 def join_tables(results: Sequence[Result], name: str = "predictions") -> pd.DataFrame:
     """A table of some runs as one, with the ``name`` and ``run_id`` of the run in each row.
 
+    ``predictions`` has a row for each capture, ``decisions`` one for each window, with the columns
+    that `bench.compare` reads. Shares are in percent.
+
     Raises:
         InputError: no run has this table.
     """
     parts = []
     for label, r in zip(name_rows(results, context=True), results, strict=True):
-        table = r.tables.get(name)
+        table = r.tables.get("predictions" if name in LABELLED else name)
         if table is not None:
             table = table.drop(columns=["name", "run_id"], errors="ignore")
-            parts.append(table.assign(name=label, run_id=r["run_id"]))
+            table = _label_rows(table, name) if name in LABELLED else table
+            shares = {column: 100 * table[column] for column in SHARES if column in table}
+            parts.append(table.assign(**shares, name=label, run_id=r["run_id"]))
     if not parts:
-        names = sorted({each for r in results for each in r.tables})
+        names = {each for r in results for each in r.tables}
+        names |= {*LABELLED} if "predictions" in names else set()
         raise InputError(f"no run has a table {name}; {suggest_names(name, names)}")
     return pd.concat(parts, ignore_index=True)
+
+
+def _label_rows(predictions: pd.DataFrame, name: str) -> pd.DataFrame:
+    """Label captures or windows of a run; probabilities come last."""
+    classes = [scores.PREFIX + each for each in scores.classes_of(predictions)]
+    if name == "decisions":
+        labelled = scores.label_windows(predictions)
+    else:
+        labelled = scores.label_captures(predictions).drop(columns=["start", "frames"])
+        captures = predictions.groupby(["fold", "capture"], sort=False)
+        labelled[classes] = captures[classes].mean().to_numpy()
+    labelled = rename_labels(labelled)
+    first = ["id", "subject", "truth", "prediction"]
+    return labelled[[*first, *labelled.columns.difference([*first, *classes], False), *classes]]
+
+
+def rename_labels(labelled: pd.DataFrame) -> pd.DataFrame:
+    """Name the columns of labelled captures as `bench.compare` reads them."""
+    taken = {column: f"{column}_" for column in NAMES_OF_LABELS.values()}  # by a condition
+    return labelled.rename(columns=taken).rename(columns=NAMES_OF_LABELS)
 
 
 def accuracy_by_subject(results: Iterable[Result]) -> tuple[pd.DataFrame, pd.Series]:

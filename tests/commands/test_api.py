@@ -1,6 +1,7 @@
 """The Python API: the names of the command line, tables that show what the store holds."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from sklearn.model_selection import LeaveOneGroupOut
 from sklearn.pipeline import make_pipeline
@@ -97,12 +98,42 @@ def test_tables_of_runs(in_net):
     stored = bench.runs(model="bayes", data="people")
     found = stored[stored["loss.noise"].notna()]
     assert {"none", "noise", "dead_taxels"} < {*bench.predictions(found, "labels")["case"]}
-    assert {*bench.predictions(found)["name"]} == {"bayes · jung28"}
+    labels = bench.predictions(found)
+    assert {*labels["name"]} == {"bayes · jung28"}
+    people = bench.predictions(found, "per_subject")
+    assert people.groupby("run_id")["accuracy"].mean().tolist() == pytest.approx(
+        found["accuracy"].tolist()
+    )
     cases = bench.runs(cases=True, run=[*found["run_id"]])
     assert {*cases.loc[cases["case"] == "noise", "level"]} == {1, 2, 3, 4, 5}
     assert {"accuracy", "loss"} < {*cases}
     with pytest.raises(bench.InputError, match="did you mean faults"):
         bench.predictions(found, "fault")
+
+
+def test_predictions_are_labels_of_captures_that_compare_reads(store, tmp_path):
+    table = predictions_with_hits([15, 12, 18, 9, 14, 16])
+    other = predictions_with_hits([12] * 6)
+    windows = pd.concat([table, other.assign(start=10)]).sort_values("capture", kind="stable")
+    chances = [f"p_{gesture}" for gesture in ("pat", "rub", "tap")]
+    windows.loc[windows["capture"] == 100, chances] = 0.0  # abstains
+    windows = windows.assign(id="a condition").reset_index(drop=True)
+    tracked_run(store, "a", windows)
+    tracked_run(store, "b", other)
+    stored = bench.runs(model="a")
+    labels = bench.predictions(stored)
+    assert [*labels][:5] == ["id", "subject", "truth", "prediction", "fold"]
+    assert [*labels][-5:] == [*chances, "name", "run_id"] and {*labels["id_"]} == {"a condition"}
+    assert len(labels) == 120 and labels["id"].is_unique
+    assert labels.set_index("id").loc[100, "prediction"] == ""
+    right = (labels["truth"] == labels["prediction"]).groupby(labels["subject"]).mean()
+    assert 100 * right.mean() == pytest.approx(stored["accuracy"][0])
+    assert stored["unit"].tolist() == ["capture"]
+    assert len(bench.predictions(stored, "decisions")) == 240
+    labels.to_csv(tmp_path / "mine.csv", index=False)
+    for one in (labels, str(tmp_path / "mine.csv"), "a"):
+        compared = bench.compare(one, "b")
+        assert compared.difference == pytest.approx(stored["accuracy"][0] - 60)
 
 
 def test_a_fitted_and_a_tuned_system(in_net):
