@@ -95,9 +95,8 @@ def test_bounds_hold_for_all_simulated_people():
 
 def test_spread_of_a_gesture_is_that_of_all_gestures_if_they_differ_more_than_usual():
     rng = np.random.default_rng(0)
-    for spread, expected in ((0.1, 0.25), (0.32, 0.32)):
-        angles = rng.normal(np.pi / 4, spread, (60, 8))
-        right = rng.binomial(40, np.sin(np.clip(angles, 0, np.pi / 2)) ** 2)
+    for spread, expected in ((0.1, 0.25), (0.3, 0.3)):
+        right = rng.binomial(40, 0.5 + spread * rng.choice([-1, 1], (60, 8)))
         found = gesture_spread((row, np.full(8, 40)) for row in right)
         assert found == pytest.approx(expected, abs=0.03)
     assert gesture_spread([([3, 4], [5, 5])]) == 0.25  # too few people
