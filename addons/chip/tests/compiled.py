@@ -31,7 +31,7 @@ from touchbench_chip.write import write_c_sources
 from touchbench_people.adaptation import adapt_system
 from touchbench_people.scaler import adaptable
 
-STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-ffp-contract=off", "-O1")
+STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Werror", "-ffp-contract=off", "-O1")
 HERE = Path(__file__).parent
 WINDOW = {"window": 0.4, "repair": ("stuck", "dead")}
 SYSTEMS = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -55,6 +56,13 @@ EXPORT = Command(
             ("32", "8"),
         ),
         PREFIX_OPTION,
+        Option(
+            "slices",
+            "counts",
+            1,
+            "frames over which touch_watch spreads the work on a name; its news come later by one "
+            "frame less",
+        ),
         Option("out", "text", "", "folder for the C files; new or empty"),
     ),
 )
@@ -85,23 +93,28 @@ def export(arguments: list[str]) -> int:
             "give a model and out=, the folder for the C files: bench export MODEL out=FOLDER"
         )
     settings = typed_settings("export", values)
-    bits, prefix = int(settings["bits"]), settings["prefix"]
+    bits, prefix, slices = int(settings["bits"]), settings["prefix"], settings["slices"]
     out = check_empty_folder(Path(values["out"]))
 
     model = load_recogniser(words[0])
+    if slices > 1 and model.watcher is not None:
+        model.watcher = replace(model.watcher, slices=slices)
     grid, kind = "x".join(map(str, model.grid)), "synthetic " if model.synthetic else ""
     title = (
         f"touchbench: {len(model.classes)} classes of {kind}touch on {grid} taxels at "
         f"{model.rate_hz:g} Hz"
     )
     files = write_c_sources(model, bits, title, prefix)
+    has_watch = f"{prefix}_watch(" in files["touch.h"]
+    if slices > 1 and not has_watch:
+        raise InputError(f"slices={slices}: touch.h has no {prefix}_watch; leave it out")
     with fill_then_rename(out) as folder:
         for name, text in files.items():
             (folder / name).write_text(text, encoding="utf-8")
     print(f"{out}: {', '.join(sorted(path.name for path in out.iterdir()))}")
     if model.stopping is not None and not model.stopping.saves:
         print(f"{NO_SAVING}: touch.h has no {prefix.upper()}_THRESHOLD, and settled is always 0")
-    if model.watcher is not None and f"{prefix}_watch(" not in files["touch.h"]:
+    if model.watcher is not None and not has_watch:
         print(
             f"touch.h has no {prefix}_watch: only systems on the feature set touch can watch an "
             "endless stream in C"

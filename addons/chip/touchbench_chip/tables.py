@@ -13,7 +13,14 @@ from bench.corpora.corpus import SATURATED_ONE_IN
 from bench.corpora.windows import Step, Windows
 from bench.errors import InputError
 from bench.features.jung28 import Jung28
-from bench.features.touch import LAGS_S, SEGMENT_S, SPECTRUM_POINTS, TouchFeatures
+from bench.features.touch import (
+    LAGS_S,
+    SEGMENT_S,
+    SIGNALS,
+    SPECTRAL_SIGNALS,
+    SPECTRUM_POINTS,
+    TouchFeatures,
+)
 from bench.models.recipe import Recipe
 from bench.models.reflex import Reflex
 from bench.models.steps import SETTLED_S, Repair, Scale
@@ -24,6 +31,9 @@ if TYPE_CHECKING:
     from bench.running.saved import Recogniser
 
 BITS8, BITS16, BITS32 = 2**8, 2**16, 2**32
+# Thousands of instructions, counted in QEMU: of a frame of a signal (all its statistics, or only
+# fetched), of a term of a spectrum, of a taxel that is put in order, of a weight.
+DESCRIBED, FETCHED, TERM, SPREAD, WEIGHED = 0.36, 0.1, 0.02, 0.3, 0.014
 LONGEST_TOUCH = 2**30  # frames of a system on windows, whose memory does not grow
 
 
@@ -110,9 +120,13 @@ def collect_contents(recogniser: Recogniser, bits: int) -> CContents:
         defines |= _watch_defines(watch, recogniser, sizes, step)
         points = watcher.points
         arrays |= watch.arrays | {"levels": np.array([level for level, *_ in points], np.float32)}
+        taxels = int(np.prod(recogniser.grid))
         for function, part in watch.deciders.items():
             decider = convert_classifier(part, width, bits)
-            deciders[function] = replace(decider, classes=str(len(part.classes_)))
+            costs = _step_costs(taxels, watch.part, sizes["SEGMENT"], decider)
+            deciders[function] = replace(
+                decider, classes=str(len(part.classes_)), defines=decider.defines | costs
+            )
     for function, decider in deciders.items():
         prefix = function.upper()
         defines |= {f"{prefix}_{name}": value for name, value in decider.defines.items()}
@@ -244,6 +258,27 @@ def _watch_defines(
         for name, value in group.items():
             defines[name] = format_float(value) if isinstance(value, float) else value
     return defines
+
+
+def _step_costs(taxels: int, part: int, segment: int, decider: Decider) -> dict[str, str]:
+    """Estimate the steps to a decision, in thousands of instructions: features, classifier.
+
+    Args:
+        taxels: number of taxels.
+        part: most frames that features describe.
+        segment: frames of a segment of spectra.
+        decider: the classifier.
+    """
+    length = min(part, segment)
+    segments = 1 + (part - length) // max(1, length // 2)
+    terms = segments * length * (max(length, SPECTRUM_POINTS) // 2)
+    visits_all = "nodes" not in decider.arrays  # of a tree, a path
+    weights = sum(values.size for values in decider.arrays.values()) * visits_all
+    spectra = [FETCHED * part + TERM * terms] * len(SPECTRAL_SIGNALS)
+    steps = [DESCRIBED * part] * len(SIGNALS) + spectra
+    steps += [SPREAD * taxels] * 3 + [WEIGHED * weights]
+    costs = [max(1, round(step)) for step in steps]
+    return {"COSTS": f"{{{', '.join(map(str, costs))}}}", "COST": str(sum(costs))}
 
 
 def _stopping_defines(stopping: Stopping | None) -> dict[str, Any]:

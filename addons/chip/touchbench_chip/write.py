@@ -34,6 +34,7 @@ PUBLIC = (
     "STOPPING",
     "THRESHOLD",
     "WATCH",
+    "DELAY",
 )
 SETTLED = "settled: 0 to 1; from TOUCH_THRESHOLD on, more touch is expected to gain too little."
 NEVER_SETTLED = "settled: always 0, because training found no saving by deciding early."
@@ -277,6 +278,8 @@ def _touch_state(d: dict[str, str]) -> list[str]:
     ring, points, taxels, classes = d["RING"], d["MOST_POINTS"], d["TAXELS"], d["CLASSES"]
     early = d["EARLY"] != "0"
     halves = "halves of the last window" + (", and of a shorter one" if early else "")
+    is_sliced = d.get("SLICES", "1") != "1"  # a tick is needed while the next one comes
+    parts = 4 if early else 2 + is_sliced
     members = [
         f"float before[{taxels}];  /* the last one */",
         f"float signals[{ring}][{len(touch.SIGNALS)}];  /* of the last window, a ring */",

@@ -25,6 +25,7 @@ from addons.chip.tests.compiled import (
 from bench.corpora import synth
 from bench.corpora.corpus import Corpus, shared_frames
 from bench.corpora.faults import as_readings, as_shares, noise
+from bench.errors import InputError
 from bench.features.touch import TouchFeatures
 from bench.models.classic.lda import lda
 from bench.models.recipe import Recipe
@@ -193,6 +194,23 @@ def test_events_are_those_of_python(name, in_c):
     assert (UNKNOWN in set(expected["label"])) is (name == "threshold")
 
 
+@pytest.mark.parametrize(("name", "slices"), [("frames", 2), ("frames", 7), ("reflex", 4)])
+def test_news_in_slices_are_the_same_later_in_c_and_in_python(name, slices, in_c, tmp_path):
+    recogniser, corpus, late = copy(fit_watcher(name)), recordings_for(name).corpus, slices - 1
+    recogniser.watcher = replace(recogniser.watcher, slices=slices)
+    expected, sliced = recogniser.watcher.report_touches(corpus), WatcherInC(recogniser, tmp_path)
+    at_once = fit_watcher(name).watcher.report_touches(corpus)
+    kept = expected.index[: len(at_once)]
+    assert (expected["reported"] - at_once["reported"][kept] == late).all() and len(kept) > 30
+    for i in range(len(corpus)):
+        news, first = sliced.start()(corpus[i]), in_c(name).start()(corpus[i]).copy()
+        for column in ("reported", "seen", "end"):
+            first[column][first[column] > 0] += late  # the end is 0 while a touch lasts
+        np.testing.assert_array_equal(news, first[first["seen"] <= len(corpus[i])])
+        events = events_from_news(news, recogniser.classes)
+        check_equal(events, expected[expected["recording"] == i][: len(events)])
+
+
 def test_a_disturbed_sensor_has_the_events_of_python(tmp_path):
     recogniser, streams = copy(fit_watcher("frames")), recordings_for("frames")
     watcher = recogniser.watcher = copy(recogniser.watcher)
@@ -293,11 +311,11 @@ def test_a_sensor_that_is_noisier_than_in_training_is_refused_frame_by_frame_and
         watcher.count_refused(one, watcher.collect_evidence(one)) for one in (corpus, noisy)
     )
     assert calm.sum() < 0.1 * len(corpus.frames) and expected.sum() > 0.6 * len(corpus.frames)
-    watched, counts = WatcherInC(recogniser, tmp_path), (ctypes.c_uint32 * 3)()
+    watched, counts = WatcherInC(recogniser, tmp_path), (ctypes.c_uint32 * 12)()
     for i in range(len(noisy)):
         watched.start()(noisy[i])
         watched.code.status(counts)
-        assert counts[1] == pytest.approx(expected[i] - counts[2], rel=0.02)
+        assert counts[6] == pytest.approx(expected[i], rel=0.02)
 
 
 @pytest.mark.skipif(bool(describe_missing("make")), reason=describe_missing("make"))
@@ -355,6 +373,25 @@ def test_what_is_no_frame_changes_nothing(in_c):
     np.testing.assert_array_equal(np.append(first, watched(frames[1000:])), expected)
 
 
+@pytest.mark.parametrize("slices", [0, 8])
+def test_more_slices_than_frames_of_a_tick_are_refused(slices, tmp_path):
+    recogniser = copy(fit_watcher("frames"))
+    recogniser.watcher = replace(recogniser.watcher, slices=slices)
+    with pytest.raises(InputError, match=f"slices={slices}: give 1 to 7"):
+        write_files(recogniser, tmp_path)
+
+
+@pytest.mark.live
+@pytest.mark.skipif(bool(measure.missing_programs()), reason=", ".join(measure.missing_programs()))
+def test_slices_share_the_work_of_a_name_evenly(tmp_path):
+    recogniser, most = copy(fit_watcher("frames")), {}
+    for slices in (1, 4, 7):
+        recogniser.watcher = replace(recogniser.watcher, slices=slices)
+        counted = measure.measure_watching(write_files(recogniser, tmp_path / str(slices), 8))
+        most[slices] = counted["chip_watch_most_instructions"]
+        assert most[slices] / most[1] < 1.3 / max(slices - 1, 1)
+
+
 @pytest.mark.live
 @pytest.mark.skipif(bool(measure.missing_programs()), reason=", ".join(measure.missing_programs()))
 @pytest.mark.parametrize(
@@ -363,7 +400,8 @@ def test_what_is_no_frame_changes_nothing(in_c):
 def test_bytes_and_instructions_of_watching_are_counted(name, tmp_path):
     recogniser, frames = fit_watcher(name), recordings_for(name).corpus[0][:700]
     folder = write_files(recogniser, tmp_path, 8)
-    captures, counted = measure.measure_footprint(folder), measure.measure_watching(folder, frames)
+    captures = measure.measure_footprint(folder, *measure.ROOMY)
+    counted = measure.measure_watching(folder, frames)
     assert 0 < counted["chip_watch_ram_bytes"] - captures["chip_ram_bytes"] < 8192
     assert abs(counted["chip_watch_flash_bytes"] - captures["chip_flash_bytes"]) < 16384
     assert (
@@ -379,4 +417,4 @@ def test_bytes_and_instructions_of_watching_are_counted(name, tmp_path):
         < counted["chip_watch_recorded_most_instructions"]
     )
     expected = (report_in_python(recogniser, frames)["reported"] <= len(frames)).sum()
-    assert counted["chip_watch_recorded_reports"] == expected > 3
+    assert counted["chip_watch_recorded_reports"] == expected > 0

@@ -1,5 +1,7 @@
 """Detectors look at no later tick, learn times and thresholds, and agree with plain loops."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -198,8 +200,9 @@ def test_names_come_from_the_frames_up_to_the_last_sure_tick_of_each_part():
     ]  # a touch right after another one
 
 
-def test_frames_one_by_one_give_the_reports_of_whole_recordings(watcher, recordings):
-    tested = recordings[[2]].corpus
+@pytest.mark.parametrize("slices", [1, 3])
+def test_frames_one_by_one_give_the_reports_of_whole_recordings(slices, watcher, recordings):
+    tested, watcher = recordings[[2]].corpus, replace(watcher, slices=slices)
     live = watcher.open_stream(tested.grid, tested.rate_hz, tested.full_scale)
     some = tested[0][:2000].astype(np.float32)
     news = [(n, event) for n, frame in enumerate(some, 1) for event in live.push(frame)]

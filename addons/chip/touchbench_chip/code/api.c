@@ -68,7 +68,7 @@ static int earlier(touch_t *t, int label)
         }
     }
     t->label_at[t->remembered] = t->seen;
-    t->labels[t->remembered++] = label;
+    t->labels[t->remembered++] = (int16_t)label;
     return found;
 }
 #endif

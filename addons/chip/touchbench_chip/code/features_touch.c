@@ -7,6 +7,12 @@ static const int lags[LAGS] = LAG_FRAMES;
 static const int quantiles[5] = {5, 25, 50, 75, 95};
 static const int edges[BANDS + 1] = {0, 1, 2, 3, 4, 6, 8, 12, 16, 24, 32}; /* in 32nds of half the rate */
 
+enum {
+    SPECTRA = STATISTICS * SIGNALS, /* features before those of spectra, and of the taxels; steps to all */
+    OF_TAXELS = SPECTRA + (BANDS + 2) * SPECTRAL + LAGS * LAGGED + 3,
+    FEATURE_STEPS = SIGNALS + SPECTRAL + 3
+};
+
 static float ratio(float a, float b) { return b > 0 ? a / b : 0; }
 
 static float within(float x, float low, float high) { return fminf(fmaxf(x, low), high); }
@@ -325,60 +331,81 @@ static void forget(touch_part_t *part)
 }
 #endif
 
-/* Features of the last n frames; the parts hold what the taxels did in them. */
-static void features_of(touch_t *t, int n, const touch_part_t *const *parts, int count)
+/* A signal in the n frames before frame `end`, into t->series, and its range. */
+static float fetch(touch_t *t, int end, int n, int s)
 {
-    float *found = t->features, *series = t->series, centre_variance[2] = {0, 0}, *next;
-    int begin = t->seen - n;
-    float *bands = found + STATISTICS * SIGNALS, *after = bands + (BANDS + 2) * SPECTRAL;
-    float *ranges = after + LAGS * LAGGED;
-    for (int s = 0; s < SIGNALS; s++) {
-        for (int i = 0; i < n; i++)
-            series[i] = t->signals[(begin + i) % RING][s];
-        if (of_steps[s])
-            series[0] = n > 1 ? series[1] : 0;
-        float least = series[0], most = series[0];
-        for (int i = 1; i < n; i++) {
-            least = fminf(least, series[i]);
-            most = fmaxf(most, series[i]);
-        }
-        if (most - least <= STILL * fmaxf(fabsf(series[0]), 1)) { /* rounding moved it */
-            for (int i = 1; i < n; i++)
-                series[i] = series[0];
-            least = most = series[0];
-        }
-        float variance = describe(t, series, n, s, found);
-        for (int k = 0; k < SPECTRAL; k++)
-            if (spectral[k] == s)
-                spectrum(t, series, n, k, bands);
-        for (int k = 0; k < LAGGED; k++)
-            if (lagged[k] == s)
-                for (int l = 0; l < LAGS; l++) {
-                    float sum = 0;
-                    for (int i = lags[l]; i < n; i++)
-                        sum += series[i] * series[i - lags[l]];
-                    after[l * LAGGED + k] = lags[l] < n && variance > 1e-12f ? sum / (float)n / variance : 0;
-                }
-        if (s == ROW || s == COL) {
-            ranges[s - ROW] = most - least;
-            centre_variance[s - ROW] = variance;
-            if (s == ROW)
-                for (int i = 0; i < n; i++)
-                    t->centre[i] = series[i];
-            else {
-                float sum = 0;
-                for (int i = 0; i < n; i++)
-                    sum += t->centre[i] * series[i];
-                ranges[2] = sum / (float)n / sqrtf(centre_variance[0] * centre_variance[1] + 1e-9f);
-            }
-        }
+    float *series = t->series;
+    int begin = end - n;
+    for (int i = 0; i < n; i++)
+        series[i] = t->signals[(begin + i) % RING][s];
+    if (of_steps[s])
+        series[0] = n > 1 ? series[1] : 0;
+    float least = series[0], most = series[0];
+    for (int i = 1; i < n; i++) {
+        least = fminf(least, series[i]);
+        most = fmaxf(most, series[i]);
     }
-    next = ranges + 3;
-    for (int kind = 0; kind < 3; kind++, next += SPREAD + 1) {
+    if (most - least > STILL * fmaxf(fabsf(series[0]), 1))
+        return most - least;
+    for (int i = 1; i < n; i++) /* rounding moved it */
+        series[i] = series[0];
+    return 0;
+}
+
+/* Features of a signal but for its spectrum; those of COL also use those of ROW, which precede them. */
+static void signal_features(touch_t *t, int end, int n, int s)
+{
+    float *found = t->features, *series = t->series, *after = found + SPECTRA + (BANDS + 2) * SPECTRAL;
+    float *ranges = after + LAGS * LAGGED, range = fetch(t, end, n, s), variance = describe(t, series, n, s, found);
+    for (int k = 0; k < LAGGED; k++)
+        if (lagged[k] == s)
+            for (int l = 0; l < LAGS; l++) {
+                float sum = 0;
+                for (int i = lags[l]; i < n; i++)
+                    sum += series[i] * series[i - lags[l]];
+                after[l * LAGGED + k] = lags[l] < n && variance > 1e-12f ? sum / (float)n / variance : 0;
+            }
+    if (s == ROW || s == COL)
+        ranges[s - ROW] = range;
+    if (s == ROW)
+        for (int i = 0; i < n; i++)
+            t->centre[i] = series[i];
+    if (s == COL) {
+        float sum = 0, square = 0;
+        for (int i = 0; i < n; i++) {
+            sum += t->centre[i] * series[i];
+            square += t->centre[i] * t->centre[i];
+        }
+        ranges[2] = sum / (float)n / sqrtf(square / (float)n * variance + 1e-9f);
+    }
+}
+
+/* A step of the features of the n frames before frame `end`: a signal, then a spectrum, then a number of the taxels,
+   after the other. The parts hold what the taxels did in these frames. */
+static void feature_step(touch_t *t, int end, int n, const touch_part_t *const *parts, int count, int step)
+{
+    float *found = t->features;
+    if (step < SIGNALS) {
+        signal_features(t, end, n, step);
+    } else if (step < SIGNALS + SPECTRAL) {
+        int place = step - SIGNALS, s = spectral[place];
+        fetch(t, end, n, s);
+        for (int i = 0; i < n; i++)
+            t->series[i] -= found[5 * SIGNALS + s]; /* its mean */
+        spectrum(t, t->series, n, place, found + SPECTRA);
+    } else {
+        int kind = step - SIGNALS - SPECTRAL;
         for (int i = 0; i < TAXELS; i++)
             t->taxels[i] = over(parts, count, kind, i);
-        space(t->taxels, next);
+        space(t->taxels, found + OF_TAXELS + kind * (SPREAD + 1));
     }
+}
+
+/* Features of the last n frames. */
+static void features_of(touch_t *t, int n, const touch_part_t *const *parts, int count)
+{
+    for (int step = 0; step < FEATURE_STEPS; step++)
+        feature_step(t, t->seen, n, parts, count, step);
 }
 
 /* A frame joins the half of a window that it lies in; whether a window of that length ends with it. */
@@ -401,11 +428,11 @@ static void features_of_halves(touch_t *t, int n, const touch_part_t *halves)
     features_of(t, n, parts, 2);
 }
 
-/* The readings of a frame, repaired. */
+/* The readings of a frame, none below 0, repaired. */
 static void read_frame(touch_t *t, const float *frame)
 {
     for (int i = 0; i < TAXELS; i++)
-        t->frame[i] = frame[i];
+        t->frame[i] = fmaxf(frame[i], 0);
     prepared(t, t->frame);
 }
 

@@ -21,10 +21,17 @@ typedef struct {
 int touch_watch_init(touch_watch_t *w);
 
 /* Take a frame of an endless stream, as touch_push does: 0 without news, TOUCH_REPORTED, TOUCH_CHANGED or TOUCH_ENDED
-   with news, which the event then tells, or a code, which changes nothing. A touch that is over before it was reported
-   is news once, TOUCH_ENDED. */
+   with news, which the event then tells, or a code. A frame that is refused changes only the status and its counts. A
+   touch that is over before it was reported is news once, TOUCH_ENDED. News come TOUCH_DELAY frames after the frame that
+   decides, as the work is spread over these; the times of an event are those of its news. */
 int touch_watch(touch_watch_t *w, const float *frame, touch_event_t *event);
 
-/* Whether touches may be missed now: TOUCH_OK, TOUCH_REFUSED or TOUCH_SATURATED, or a code. counts tells how many
-   frames were so, and may be NULL. */
+/* So many frames are lost before the next one. Up to a second of them count as if the last frame were read again, and
+   take as long; after more, a touch that lasts is over and the stream begins anew. Returns the last news. */
+int touch_missed(touch_watch_t *w, uint32_t frames, touch_event_t *event);
+
+/* Whether touches may be missed or named wrongly now: 0, or the bits of all reasons; or a code. counts may be NULL. */
 int touch_status(const touch_watch_t *w, touch_counts_t *counts);
+
+/* What a bit of the status means, from bit 0, in a word. */
+const char *touch_reason(int bit);

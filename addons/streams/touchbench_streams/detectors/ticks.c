@@ -30,25 +30,34 @@ static void join_tick(touch_part_t *part, const touch_part_t *tick)
 #endif
     part->n += tick->n;
 }
+
+/* What the taxels do in this tick (back 0), or did in the last one (1), which a decision in slices still needs. */
+static touch_part_t *tick_part(touch_watch_t *w, int back) { return w->now.parts + 1 + (SLICES > 1 && w->odd != back); }
 #endif
 
 /* The last tick joins the part. */
-static void join_last(touch_t *t)
+static void join_last(touch_watch_t *w)
 {
 #if TICK > 1
-    join_tick(&t->parts[0], &t->parts[1]);
+    join_tick(&w->now.parts[0], tick_part(w, 1));
 #else
-    join(&t->parts[0], t->frame);
+    join(&w->now.parts[0], w->now.frame);
 #endif
 }
 
-/* Probabilities of the gestures from the part, which ended so many frames ago; they count by its ticks. */
-static void name_part(touch_watch_t *w, int frames, float *proba)
+enum { IDLE, TICKED, AT_END, GROWING };  /* stages of a decision: a name at the end of a touch, then one as it grows */
+enum { NAME_STEPS = FEATURE_STEPS + 1 }; /* of a name: its features, and the classifier */
+
+/* A step of the probabilities of the gestures from the part, which count by its ticks. */
+static void go_on_naming(touch_watch_t *w, int step)
 {
     const touch_part_t *part = w->now.parts;
-    w->now.seen -= frames;
-    features_of(&w->now, part->n, &part, 1);
-    w->now.seen += frames;
+    float *proba = w->stage == AT_END ? w->last : w->now.proba;
+    int end = w->stage == AT_END ? w->until - TICK : w->until; /* without the last tick, which is not surely touch */
+    if (step < FEATURE_STEPS) {
+        feature_step(&w->now, end, part->n, &part, 1, step);
+        return;
+    }
     name(&w->now, proba);
     for (int c = 0; c < NAMED; c++)
         proba[c] *= (float)w->length;
@@ -64,12 +73,6 @@ static void join_names(touch_watch_t *w, const float *proba, int ticks)
     w->due = GROWTH * (float)ticks;
 }
 
-static void name_now(touch_watch_t *w)
-{
-    name_part(w, 0, w->now.proba);
-    join_names(w, w->now.proba, w->length);
-}
-
 /* The label of the touch, and how sure it is, with the name at its end or without. */
 static int label_of(touch_watch_t *w, int at_end, float *confidence)
 {
@@ -83,27 +86,39 @@ static int label_of(touch_watch_t *w, int at_end, float *confidence)
     return *confidence > 0 && *confidence >= REJECT ? class_of[best] : TOUCH_UNKNOWN;
 }
 
-/* A tick in which a touch is reported, renamed or over. */
-static int news(touch_watch_t *w, sign_t sign, touch_event_t *event)
+/* Whether the touch needs a name from the part before the last tick. */
+static int needs_last_name(touch_watch_t *w)
 {
-    touch_t *t = &w->now;
-    int over = sign.report || sign.since <= 1, kind = 0, ends = 0; /* at 1, another touch begins */
-    if (w->is_reported && (over || !sign.sure) && w->sure > w->named && w->after != w->sure) {
-        name_part(w, TICK, w->last); /* the tick before is the last one that is surely touch */
-        w->after = w->sure;
-    }
-    if (w->is_reported && over) {
+    if (!w->is_reported || (!w->is_over && w->is_sure) || w->sure <= w->named || w->after == w->sure)
+        return 0;
+    w->after = w->sure;
+    return 1;
+}
+
+/* The last tick joins the part; whether the touch needs a name from it. */
+static int needs_next_name(touch_watch_t *w)
+{
+    join_last(w);
+    w->length++;
+    if (w->is_sure)
+        w->sure = w->length;
+    int lasts = w->is_reported && !w->is_over && w->is_sure;
+    w->is_grown = w->is_new || (lasts && ((float)w->length >= w->due || w->length >= PART_TICKS));
+    return w->is_grown;
+}
+
+/* A tick in which a touch is reported, renamed or over. */
+static int news(touch_watch_t *w, touch_event_t *event)
+{
+    int kind = 0, ends = 0;
+    if (w->is_reported && w->is_over) {
         event->label = label_of(w, 1, &event->confidence);
         event->reported = w->reported;
         event->end = w->end;
         w->is_reported = 0;
         ends = 1;
     }
-    join_last(t);
-    w->length++;
-    if (sign.sure)
-        w->sure = w->length;
-    if (sign.report) {
+    if (w->is_new) {
         w->is_reported = 1;
         w->reported = w->seen;
         w->first = w->length;
@@ -113,23 +128,21 @@ static int news(touch_watch_t *w, sign_t sign, touch_event_t *event)
     }
     if (w->is_reported) {
         w->end = w->seen;
-        if (sign.report || (sign.sure && (float)w->length >= w->due)) {
-            name_now(w);
+        if (w->is_grown) {
+            join_names(w, w->now.proba, w->length);
             w->after = 0;
         }
         if (w->length >= PART_TICKS) { /* what follows is another part */
-            if (w->sure == w->length && w->sure > w->named)
-                name_now(w);
-            else if (w->sure > w->named)
+            if (w->sure > w->named)
                 join_names(w, w->last, w->after);
-            forget(t->parts);
+            forget(w->now.parts);
             w->length = w->named = w->sure = w->after = 0;
             w->due = (float)w->first;
         }
     }
-    if (!sign.lasts) { /* a touch may begin with the next tick, whose name has the frames of this one, too */
-        forget(t->parts);
-        join_last(t);
+    if (!w->is_lasting) { /* a touch may begin with the next tick, whose name has the frames of this one, too */
+        forget(w->now.parts);
+        join_last(w);
         w->length = 1;
         w->named = w->sure = w->after = 0;
     }
@@ -151,6 +164,32 @@ static int news(touch_watch_t *w, sign_t sign, touch_event_t *event)
     return kind;
 }
 
+/* Decide on the last tick: go on with its names, until a share of their work is done, and tell the news with the last
+   of SLICES slices. The first one, in the frame that ends the tick, has the work of the detector instead. */
+static int decide_on_tick(touch_watch_t *w, int slice, touch_event_t *event)
+{
+    static const int costs[NAME_STEPS] = NAME_COSTS;
+    int ends = slice == SLICES - 1;
+    while (w->stage != IDLE) {
+        if (w->step < NAME_STEPS) {
+            if (!ends && (2 * w->spent + costs[w->step]) * (SLICES - 1) > 2 * NAME_COST * slice)
+                return 0;
+            w->spent += costs[w->step];
+            go_on_naming(w, w->step++);
+        } else if (w->stage == GROWING) {
+            if (!ends)
+                return 0;
+            w->stage = IDLE;
+            return news(w, event);
+        } else {
+            int needs = w->stage == TICKED ? needs_last_name(w) : needs_next_name(w);
+            w->step = needs ? 0 : NAME_STEPS;
+            w->stage++;
+        }
+    }
+    return 0;
+}
+
 static int watched(touch_watch_t *w, const float *frame, touch_event_t *event)
 {
     touch_t *t = &w->now;
@@ -160,7 +199,7 @@ static int watched(touch_watch_t *w, const float *frame, touch_event_t *event)
     for (int i = 0; i < TAXELS; i++)
         w->tick[i] = w->within ? w->tick[i] + t->frame[i] : t->frame[i];
     if (!w->within)
-        forget(&t->parts[1]);
+        forget(tick_part(w, 0));
 #endif
     int whole = ++w->within == TICK;
     if (whole) {
@@ -172,14 +211,25 @@ static int watched(touch_watch_t *w, const float *frame, touch_event_t *event)
         sign = sensed(w, t->frame);
 #endif
         w->within = 0;
-        w->counts.refused += w->is_refused ? TICK : 0;
     }
     join_signals(t);
 #if TICK > 1
-    join(&t->parts[1], t->frame);
+    join(tick_part(w, 0), t->frame);
 #endif
     memcpy(t->before, t->frame, sizeof t->frame);
     if (++t->seen == 2 * TURN) /* for ever: at the same place of the ring, and long enough for the repair */
         t->seen = TURN;
-    return whole ? news(w, sign, event) : 0;
+    if (whole) {
+        w->is_over = sign.report || sign.since <= 1; /* at 1, another touch begins */
+        w->is_new = w->health.is_new = sign.report;
+        w->health.since = sign.since;
+        w->is_sure = sign.sure;
+        w->is_lasting = sign.lasts;
+        w->odd = !w->odd;
+        w->until = t->seen;
+        w->stage = TICKED;
+        w->step = NAME_STEPS;
+        w->spent = 0;
+    }
+    return w->within < SLICES ? decide_on_tick(w, w->within, event) : 0;
 }

@@ -12,6 +12,7 @@ import pandas as pd
 
 from bench import contract
 from bench.corpora.corpus import Corpus
+from bench.errors import InputError
 from bench.models.recipe import apply_steps, split_causal_steps
 from bench.models.sizes import count_parameters
 from touchbench_streams.detectors.base import UNKNOWN, DetectorC, Event
@@ -91,6 +92,8 @@ class TickWatcher:
         reject: confidence below which a label is ``unknown``; 0 for never.
         points: operating points from the strictest to the most eager: level, and on training
             recordings false alarms, hours of background and share of touches found.
+        slices: frames over which the C spreads the work of a tick, so that news come later by one
+            frame less; at most the frames of a tick.
     """
 
     system: contract.System
@@ -100,6 +103,13 @@ class TickWatcher:
     count: int
     reject: float = 0.0
     points: tuple[tuple[float, float, float, float], ...] = ()
+    slices: int = 1
+    limits: Limits = NO_LIMITS
+
+    @property
+    def delay(self) -> int:
+        """Frames between a tick and its news, which times contain."""
+        return self.slices - 1
 
     @property
     def numbers(self) -> int:
@@ -115,7 +125,7 @@ class TickWatcher:
     @property
     def soonest(self) -> int:
         """Fewest frames from the start of a touch to its report."""
-        return self.detector.soonest * self.count
+        return self.detector.soonest * self.count + self.delay
 
     def open_stream(self, grid: tuple[int, int], rate_hz: float, full_scale: float) -> TickStream:
         """Start watching a stream frame by frame."""
@@ -128,9 +138,12 @@ class TickWatcher:
         of_detector = self.detector.in_c()
         if of_detector is None:
             return None
+        if not 1 <= self.slices <= self.count:
+            raise InputError(f"slices={self.slices}: give 1 to {self.count}, the frames of a tick")
         longest, namer = longest_part(rate_hz, self.count), split_causal_steps(self.names)[1]
         part = max(longest, self.detector.latest + 1)
-        sizes = {"TICK": self.count, "PART_TICKS": longest, "NAMED": len(namer.classes_)}
+        sizes = {"TICK": self.count, "SLICES": self.slices, "DELAY": self.delay}
+        sizes |= {"PART_TICKS": longest, "NAMED": len(namer.classes_)}
         naming = {"GROWTH": GROWTH, "REJECT": self.reject}
         state = (
             "int within, length, first, named, sure, after;  "
@@ -148,14 +161,21 @@ class TickWatcher:
             code=f"{read_c_beside(__file__)}\n{of_detector.code}",
             state=state + of_detector.state,
             constants=(
-                ("Frames of a tick, ticks of a part of a touch, gestures.", sizes),
+                (
+                    "Frames of a tick, of the work on it, and before its news; ticks of a part.",
+                    sizes,
+                ),
                 ("When a touch is named again, and from which confidence on.", naming),
+                (
+                    "The status: numbers and ticks of a block of background, of one of touches.",
+                    limits,
+                ),
                 *of_detector.constants,
             ),
-            frames=(part + 1) * self.count,
+            frames=(part + 1) * self.count + self.delay,
             part=part * self.count,
             level=float(self.level),
-            arrays=of_detector.arrays | {"class_of": classes_of_names},
+            arrays=of_detector.arrays | limit_arrays | {"class_of": classes_of_names},
             deciders={"name": namer},
         )
 
@@ -239,7 +259,9 @@ class TickWatcher:
                 label, confidence = self.choose_label(frames @ of_touch / frames.sum())
                 labels = self._labels_so_far(frames, of_touch)
                 changes = int((labels[1:] != labels[:-1]).sum())
-                rows.append((i, touch.reported, touch.end, first, label, confidence, changes))
+                times = touch.reported + self.delay, min(touch.end + self.delay, stepped.lengths[i])
+                if times[0] <= stepped.lengths[i]:  # else the recording ends before the report
+                    rows.append((i, *times, first, label, confidence, changes))
         return report_table(rows)
 
     def with_new_names(
@@ -286,17 +308,58 @@ class TickStream:
         self.last_name = self.sum, 0.0
 
     @property
-    def status(self) -> str:
-        """``saturated`` (many taxels at full scale), ``refused`` (unlike training) or ``ok``."""
-        if self.recent.is_saturated:
-            return "saturated"
-        return "refused" if self.is_refused else "ok"
+    def status(self) -> int:
+        """Bits of all reasons not to trust the sensor now (`REASONS`); 0 for none."""
+        return self.of_frame | self.health.status | NOISE * self.is_refused
+
+    @property
+    def seen(self) -> int:
+        """Frames so far, lost ones included."""
+        return self.begun + self.recent.seen
 
     def push(self, frame: np.ndarray) -> list[Event]:
-        """Take a frame [rows, cols]; return events that it ends, reports or renames, in order."""
-        self.recent.push(frame)
-        if self.recent.seen % self.watcher.count:
+        """Take a frame [rows, cols]; return events that it ends, reports or renames, in order.
+
+        A frame that is refused changes nothing but the status.
+        """
+        frame, self.of_frame = check_frame(frame, self.sensor[2])
+        if self.of_frame & ~SATURATED:
             return []
+        self.health.take(frame[None])
+        return self._advance(frame)
+
+    def miss(self, frames: int) -> list[Event]:
+        """Count frames as lost before the next one; return the events of this time.
+
+        Up to a second of them count as if the last frame were read again. After more, a touch that
+        lasts is over and the stream begins anew.
+        """
+        if not frames:
+            return []
+        self.health.lose_frames()
+        if self.recent.seen and frames <= self.sensor[1]:
+            last = self.recent.frames[-1]
+            return [event for _ in range(frames) for event in self._advance(last)]
+        ended = []
+        if self.event is not None:
+            label, confidence = self._label_at_end()
+            end = self.seen - self.recent.seen % self.watcher.count + self.watcher.delay
+            ended.append(replace(self.event, label=label, confidence=confidence, end=end))
+        self.begun = self.seen + frames
+        self.health.drop_tick()
+        self._begin()
+        return ended
+
+    def _advance(self, frame: np.ndarray) -> list[Event]:
+        self.recent.push(frame)
+        within = self.recent.seen % self.watcher.count
+        if not within:
+            self.news = self._decide_on_tick()
+        return self.news if within == self.watcher.delay else []
+
+    def _decide_on_tick(self) -> list[Event]:
+        """News of the last tick; their times contain the delay."""
+        delay = self.begun + self.watcher.delay
         recording = self.recent.as_recording(self.watcher.apply_frame_steps)
         tick = average_blocks(recording[0][-self.watcher.count :], self.watcher.count)[0]
         self.ring.append(self.signals.step(tick))
@@ -306,10 +369,9 @@ class TickStream:
         news = []
         if ended is not None and self.event is not None:
             self._add_names(ended, recording)
-            last_sum, last_weight = self.last_name
-            mean = (self.sum + last_sum) / (self.weight + last_weight)
-            label, confidence = self.watcher.choose_label(mean)
-            news.append(replace(self.event, label=label, confidence=confidence, end=ended.end))
+            label, confidence = self._label_at_end()
+            end = ended.end + delay
+            news.append(replace(self.event, label=label, confidence=confidence, end=end))
             self._reset_touch()
         lasting = self.touches.lasting
         if lasting is not None:
@@ -317,7 +379,7 @@ class TickStream:
             label, confidence = self.watcher.choose_label(self.sum / self.weight)
             previous = self.event
             first = label if previous is None else previous.first
-            self.event = Event(lasting.reported, first, label, confidence)
+            self.event = Event(lasting.reported + delay, first, label, confidence)
             if previous is None or previous.label != label:
                 news.append(self.event)
         return news
