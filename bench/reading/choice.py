@@ -303,13 +303,17 @@ def choose_from_runs(
     batch: bool = False,
     notes: Sequence[str] = (),
     why: bool = False,
+    run_kind: str = "",
 ) -> Choice:
-    """Choose among stored runs, as ``bench choose`` does with these keys."""
+    """Choose among stored runs, as ``bench choose`` does with these keys.
+
+    ``run_kind`` is the kind of runs that is compared; "" for that of the budgets, if one has it.
+    """
     scene, costs = scene or Scene(), [all_costs()[name] for name in (by, *budgets)]
     if not scene.faults and any(cost.is_fault_loss for cost in costs):
         scene = replace(scene, faults=FAULT_NAMES)
     run_kinds = [cost.measured_on[0] for cost in costs if "captures" not in cost.measured_on]
-    run_kind = run_kinds[0] if run_kinds else ""
+    run_kind = run_kind or next(iter(run_kinds), "")
     if run_kind:
         _check_run_kind(run_kind, by, unit, budgets, clock)
     if scene.faults and unit == "window":

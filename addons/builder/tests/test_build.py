@@ -6,19 +6,25 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 
+from addons.streams.tests.people import FEW, generate_people, import_recordings
 from bench.cli import main
 from bench.corpora.corpus import Corpus
 from bench.corpora.library import open_imported
 from bench.corpora.read.table import write_table
 from bench.errors import InputError
+from bench.running.saved import load_recogniser
 from bench.store.client import connect
 from tests.conftest import predictions, random_corpus, runs
-from touchbench_builder import certificate, systems
+from touchbench_builder import certificate, check, systems
 from touchbench_builder.build import _import_file, _next_commands
-from touchbench_builder.folder import label_with_c
+from touchbench_builder.captures import load_corpus
+from touchbench_builder.folder import label_with_c, watch_with_c
+from touchbench_builder.stream import people_of_reports, recordings_of_people
+from touchbench_streams.events import match_tables
 
 TOOLS = [name for name in ("cc", "make", "c++") if shutil.which(name) is None]
 ARM = [name for name in ("arm-none-eabi-gcc", "qemu-system-arm") if shutil.which(name) is None]
@@ -71,7 +77,7 @@ def test_recordings_become_c_that_compiles_passes_its_test_and_keeps_its_certifi
     assert {run.info.run_id for run in connect().search_runs()} == before  # none was made twice
 
     facts = json.loads(Path("robot/certificate.json").read_text())
-    expected = facts["expected"]
+    expected = facts["captures"]
     store, stored = runs("cell")
     clean = next(run for run in stored if "faults" not in run.data.params)  # of the only system
     table = predictions(store, clean)
@@ -88,7 +94,7 @@ def test_recordings_become_c_that_compiles_passes_its_test_and_keeps_its_certifi
         "touch.c": [facts["system"]["model"], facts["data"]["digest"], "bench build skin.csv"],
         "README.md": [f"{100 * mean:.1f} %", "programs for a Cortex-M4F are not installed"],
     }
-    words["README.md"].append("the C of this system cannot watch")
+    words["README.md"].append("It finds no touches itself")
     for name, parts in words.items():
         assert all(part in Path("robot", name).read_text() for part in parts)
 
@@ -117,8 +123,8 @@ def compare_new_people(capsys, digest):
     swapped = named.assign(gesture=gestures)
     inverted = newer.with_fields(captures=named, frames=1023 - newer.frames)
     for name, corpus, code, words in (
-        ("newer", newer.with_fields(captures=named), 0, "agrees with the certificate"),
-        ("swapped", newer.with_fields(captures=swapped), 1, "contradicts the certificate"),
+        ("newer", newer.with_fields(captures=named), 0, "agree with the certificate"),
+        ("swapped", newer.with_fields(captures=swapped), 1, "contradict the certificate"),
         ("inverted", inverted, 1, f"{len(newer)} of {len(newer)} captures look unlike all"),
     ):
         write_table(corpus, Path(f"{name}.csv"))
@@ -153,6 +159,74 @@ def compare_new_people(capsys, digest):
         assert main(["build", "check", "robot", "data=newer"]) == 2
         (line,) = capsys.readouterr().err.splitlines()
         assert "certificate.json: no certificate of bench build (it differs from" in line
+
+
+def import_people(name, count, seed, prefix=""):
+    """Import recordings of generated people, who have one touch of each of six gestures."""
+    people = generate_people(subjects=count, rate_hz=15.0, seed=seed)
+    frames = np.concatenate([*people.corpus])
+    subjects = np.repeat(people.subjects.astype(str), people.corpus.lengths)
+    labels = people.frame_labels()
+    import_recordings(name, frames, labels, np.char.add(prefix, subjects))
+    return frames, labels, subjects
+
+
+def test_the_certificate_of_recordings_is_that_of_their_stream_and_is_checked_in_c(
+    capsys, monkeypatch
+):
+    small = {"model": "lda", "features": "touch", "model.window": 0.5}
+    monkeypatch.setattr(systems, "candidate_systems", lambda _: [(small, 1.0)])
+    monkeypatch.setattr(check, "MAX_UNLIKE", 0.999)  # five people show little of what is alike
+    import_people("day", 5, 0)
+    assert main(["build", "data=day", "jobs=1", "out=robot"]) == 0
+    facts = json.loads(Path("robot/certificate.json").read_text())
+    stream, text = facts["stream"], Path("robot/README.md").read_text()
+    store, stored = runs("watch")
+    clean = next(run for run in stored if not run.data.params.get("watch.under"))
+    table = predictions(store, clean)
+    touches, reports, background_s = match_tables(table, 15.0)
+    for share, column in (("found", "found"), ("first", "first_correct"), ("last", "end_correct")):
+        counts = touches.groupby("subject")[column].agg(["sum", "size"])
+        assert stream[share]["people"] == {name: [*row] for name, row in counts.iterrows()}
+        mean = (counts["sum"] / counts["size"]).mean()
+        assert stream[share]["mean"] == pytest.approx(mean, abs=1e-4)
+        assert f"{100 * mean:.1f} %" in text and stream[share]["mean_low"] < mean
+    alarms = reports["subject"][reports["touch"] == -1].value_counts()
+    hours = {name: seconds / 3600 for name, seconds in background_s.items()}
+    assert stream["alarms"]["people"] == {
+        name: [alarms.get(name, 0), pytest.approx(hours[name], abs=1e-6)] for name in hours
+    }
+    medians = touches.groupby("subject")["latency_s"].median()
+    assert stream["latency_s"]["mean"] == pytest.approx(medians.mean(), abs=1e-3)
+    seen = touches.groupby("gesture")["label"].value_counts()
+    for gesture, row in stream["confusions"].items():
+        assert sum(row.values()) == 5
+        assert {label: n for label, n in row.items() if n} == {
+            label or "missed": n for label, n in seen[gesture].items()
+        }
+    sure = touches[touches["confidence"] >= 0.5]
+    assert stream["confidence"][0]["right"] == pytest.approx(sure["end_correct"].mean(), abs=1e-4)
+    assert "The streams are recordings" in text and {*facts["stream"]["gestures"]} == {*FEW}
+
+    frames, labels, subjects = import_people("later", 5, 9, "new ")
+    on = {"data": "later"}
+    recordings = recordings_of_people(on, load_corpus(on))
+    recogniser = load_recogniser(facts["system"]["model"])
+    of_c = watch_with_c(Path("robot"), facts["data"]["gestures"], recordings.corpus)
+    of_python = recogniser.watcher.report_touches(recordings.corpus)
+    assert of_python["changes"].sum() > 0
+    compared = ["recording", "reported", "end", "first", "label", "changes"]
+    pd.testing.assert_frame_equal(of_c[compared], of_python[compared], check_dtype=False)
+
+    others = dict(zip(sorted(FEW), [*sorted(FEW)[3:], *sorted(FEW)[:3]], strict=True))
+    swapped = pd.Series(labels).replace(others).to_numpy()
+    import_recordings("swapped", frames, swapped, np.char.add("other ", subjects))
+    capsys.readouterr()
+    assert main(["build", "check", "robot", "data=later"]) == 0
+    line = next(line for line in capsys.readouterr().out.splitlines() if "last label" in line)
+    right = people_of_reports(recordings, of_python).count_right("last")
+    assert f"last label right of {100 * (right['right'] / right['total']).mean():.1f} %" in line
+    assert main(["build", "check", "robot", "data=swapped"]) == 1
 
 
 def interrupted(*_):

@@ -6,17 +6,21 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.stats import chi2
 
 from addons.streams.tests.people import PEOPLE, import_day
 from bench.errors import InputError
 from bench.reading.candidates import Candidates
 from bench.reading.choice import choose_candidate
-from bench.reading.scene import Scene
 from tests.reading.results import make_run
-from touchbench_builder import certificate, systems
+from touchbench_builder import systems
 from touchbench_builder.certificate import expected_accuracy
-from touchbench_builder.systems import fit_or_load, nested_labels, nothing_fits_message
+from touchbench_builder.systems import (
+    EARLY,
+    fit_or_load,
+    nested_labels,
+    nothing_fits_message,
+    systems_without_each,
+)
 
 
 def make_choice(flash, ram, accuracies, budgets):
@@ -40,13 +44,12 @@ def test_each_person_gets_the_system_that_the_others_choose():
         right = 1.0 * (captures < accuracies[people] / 10)
         labels = table.assign(capture=np.arange(30), p_pat=right, p_rub=1 - right)
         results.append(SimpleNamespace(system=system, tables={"predictions": labels}))
-    labels = nested_labels(choice, results)
-    chosen = labels.groupby("subject")["system"].unique().explode()
-    assert chosen.to_dict() == {"1": "large", "2": "small", "3": "small"}
-    expected = expected_accuracy(labels)  # small alone would have 37 %, large 63 %
+    chosen = systems_without_each(choice)
+    assert chosen == {"1": "large", "2": "small", "3": "small"}
+    expected = expected_accuracy(nested_labels(results, chosen))
+    # small alone would have 37 %, large 63 %
     assert expected["people"] == {"1": [1, 10], "2": [1, 10], "3": [1, 10]}
     assert expected["mean"] == 0.1 and expected["mean_low"] is None
-    assert expected["systems"] == {"small": 2, "large": 1}
 
 
 NOTHING_FITS = [  # flash, RAM, words; microbit2 has 512 KiB
@@ -63,33 +66,6 @@ def test_a_board_that_holds_a_system_is_named_if_nothing_fits(flash, ram, words,
     assert re.search(words, nothing_fits_message(choice))
 
 
-@pytest.mark.parametrize(
-    ("alarms", "latency", "words"),
-    [
-        (30.0, 0.4, ""),
-        (80.0, 0.4, "80 per hour, its budget is 60"),
-        (30.0, None, "latency is unknown: no touch"),
-    ],
-)
-def test_budgets_of_streams_are_those_of_recordings_of_people_left_out(
-    alarms, latency, words, monkeypatch
-):
-    numbers = {"background_minutes": 20.0, "false_alarms_per_hour": alarms, "touches_found": 0.9}
-    numbers |= {"latency_s_p50": latency} if latency else {}
-    monkeypatch.setattr(certificate, "make_plan", lambda values, command: (values, command))
-    monkeypatch.setattr(certificate, "run_plan", lambda *_: SimpleNamespace(metrics=numbers))
-    scene = Scene(values={"max_false_alarms": "60", "max_latency": "1s"})
-    choice = SimpleNamespace(name="lda", values={})
-    if words:
-        with pytest.raises(InputError, match=words):
-            certificate._watch_recordings({}, scene, choice)
-        return
-    found = certificate._watch_recordings({}, scene, choice)
-    assert (found["alarms"], found["per_hour"], found["latency_ms"]) == (10, 30.0, 400)
-    assert found["at_most_per_hour"] == pytest.approx(chi2.ppf(0.95, 22) / 2 * 3, abs=0.01)
-    assert certificate._watch_recordings({}, Scene(), choice) is None
-
-
 def test_from_recordings_it_learns_the_compared_gestures_and_to_watch():
     """``bench fit`` also has the background as a class, which the comparison lacks."""
     import_day()
@@ -100,12 +76,9 @@ def test_from_recordings_it_learns_the_compared_gestures_and_to_watch():
     assert fit_or_load({"data": "day"}, values, "key")[0] == run_id
 
 
-@pytest.mark.parametrize(
-    ("flash", "without"),
-    [(40, ""), (25, systems.STREAM), (15, f"{systems.STREAM}, {systems.EARLY}")],
-)
-def test_the_model_has_what_the_budgets_allow_or_the_scene_needs(flash, without, monkeypatch):
-    """The system takes 10 kB of flash, early decisions 10 and the detector 20 more."""
+@pytest.mark.parametrize(("flash", "without"), [(40, ""), (30, EARLY), (20, None)])
+def test_the_model_has_what_the_budgets_allow(flash, without, monkeypatch):
+    """The system with its detector takes 30 kB of flash, early decisions 10 more."""
 
     def fit(on, values, key, stopping=True, watch=True):
         return key, SimpleNamespace(stopping=stopping or None, watcher=watch or None)
@@ -117,14 +90,12 @@ def test_the_model_has_what_the_budgets_allow_or_the_scene_needs(flash, without,
     fakes = {"fit_or_load": fit, "measure_on_chip": costs, "missing_programs": list}
     for name, fake in fakes.items():
         monkeypatch.setattr(systems, name, fake)
-    choice = SimpleNamespace(name="lda", values={}, run_id="r", limits={"flash": flash})
-    _, model, amounts, left_out = systems.train_chosen({}, choice, Scene())
+    limits = {"flash": flash}
+    choice = SimpleNamespace(name="lda", values={}, run_id="r", limits=limits, watched=True)
+    if without is None:
+        with pytest.raises(InputError, match=r"trained on all captures it takes 30.0 kB of flash"):
+            systems.train_chosen({}, choice)
+        return
+    _, model, amounts, left_out = systems.train_chosen({}, choice)
     assert left_out == without and amounts["flash_bytes"] <= 1000 * flash
-    assert bool(model.watcher) is not bool(without)
-    needy = Scene(values={"max_latency": "1s"})
-    if without:
-        message = "detector that the scene needs it takes 40.0 kB of flash"
-        with pytest.raises(InputError, match=message):
-            systems.train_chosen({}, choice, needy)
-    else:
-        assert systems.train_chosen({}, choice, needy)[3] == ""
+    assert model.watcher and bool(model.stopping) is not bool(without)

@@ -51,7 +51,8 @@ def build(arguments: list[str]) -> int:
 def _run_build(words: list[str], values: dict[str, str], command: str) -> int:
     from touchbench_builder.certificate import make_certificate, summary_lines
     from touchbench_builder.folder import check_build_folder, write_build
-    from touchbench_builder.systems import compare_systems
+    from touchbench_builder.stream import open_stream_captures, why_no_stream
+    from touchbench_builder.systems import STREAM_BUDGETS, compare_systems
     from touchbench_chip.write import check_prefix
 
     settings = typed_settings("build", values)
@@ -72,8 +73,17 @@ def _run_build(words: list[str], values: dict[str, str], command: str) -> int:
     warnings = data_warnings(corpus)
     for warning in warnings:
         warn(f"warning: {warning}")
-    chosen = compare_systems(corpus, on, scene, cost_limits(settings), progress)
-    recogniser, facts = make_certificate(corpus, on, warnings, scene, chosen, command, progress)
+    no_stream = "watch=no leaves it out"
+    if settings["watch"]:
+        no_stream = why_no_stream(open_stream_captures(on, corpus))
+    if no_stream and (keys := sorted({*STREAM_BUDGETS} & scene.values.keys())):
+        raise InputError(f"scene={settings['scene']}: {keys[0]} needs a stream: {no_stream}")
+    if no_stream:
+        warn(f"warning: captures only, nothing watches a stream: {no_stream}")
+    chosen = compare_systems(corpus, on, scene, cost_limits(settings), progress, not no_stream)
+    recogniser, facts = make_certificate(
+        corpus, on, warnings, scene, chosen, command, progress, no_stream
+    )
     facts["system"]["prefix"] = settings["prefix"]
     progress.start_step("C and its tests")
     write_build(out, recogniser, facts, corpus)

@@ -1,9 +1,8 @@
-"""The certificate of a build: data, accuracy to expect, costs, faults, and what is unknown."""
+"""The certificate of a build: data, what to expect, costs, faults, and what is unknown."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict
 from importlib.metadata import version
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
@@ -13,31 +12,39 @@ import pandas as pd
 
 from bench.corpora.corpus import Corpus
 from bench.corpora.duplicates import capture_digests
-from bench.errors import InputError
 from bench.reading.frame import runs_table
 from bench.reading.scene import Board, Scene
 from bench.values import few
-from bench.values.measures import costs_by_budget
+from bench.values.measures import value_or_none
 from bench.values.result import format_count
 from bench.values.sentences import template_environment
 from touchbench_builder import systems
-from touchbench_builder.bounds import GESTURE_SPREAD, SPREAD, new_person_bounds
+from touchbench_builder.bounds import SPREAD
+from touchbench_builder.stream import (
+    bounds_of_counts,
+    bounds_of_gestures,
+    describe_stream,
+    open_stream_captures,
+)
 from touchbench_builder.systems import (
     BITS,
-    STREAM_BUDGETS,
+    WATCH,
     ChosenSystem,
     make_plan,
     run_plan,
     train_chosen,
 )
-from touchbench_chip.tables import check_exportable
 from touchbench_chip.write import hash_fixed_code, poisson_upper_rate
+from touchbench_streams.recordings import comes_from_recordings
+from touchbench_streams.stress import FAULT_SCORES
 
 if TYPE_CHECKING:
     from bench.running.saved import Recogniser
     from touchbench_builder.progress import Progress
 
+CERTIFICATE_VERSION = 2
 MAX_LOSS = 10.0  # points of accuracy: a system survives a fault that costs less
+FAULT_COLUMNS = ("touches_found", "false_alarms_per_hour")  # told of a stream under a fault
 SESSION_COLUMNS = ("session", "day", "sitting", "date", "visit")  # columns that tell days apart
 
 
@@ -49,19 +56,25 @@ def make_certificate(
     choice: ChosenSystem,
     command: str,
     progress: Progress,
+    no_stream: str,
 ) -> tuple[Recogniser, dict[str, Any]]:
     """Test the chosen system under faults, and train it on all captures.
+
+    ``no_stream`` is the reason why nothing watches a stream, "" if the choice does.
 
     Returns:
         The model, and the content of ``certificate.json``.
     """
     progress.start_step(f"{choice.name} under faults of the sensor")
     faults = _fault_losses(on, scene, choice)
-    watched = _watch_recordings(on, scene, choice)
     progress.start_step(f"{choice.name} on all captures")
-    run_id, recogniser, numbers, without = train_chosen(on, choice, scene)
+    run_id, recogniser, numbers, without = train_chosen(on, choice)
+    stream = None
+    if choice.watched is not None:
+        composed = not comes_from_recordings(open_stream_captures(on, corpus))
+        stream = describe_stream(choice.watched, composed)
     facts = {
-        "certificate": 1,
+        "certificate": CERTIFICATE_VERSION,
         "touchbench": version("touchbench"),
         "command": command,
         "data": {
@@ -85,7 +98,9 @@ def make_certificate(
             "bits": BITS,
             "code": hash_fixed_code(),
         },
-        "expected": expected_accuracy(choice.nested),
+        "stream": stream,
+        "captures": expected_accuracy(choice.captures),
+        "systems": _count_systems(choice.systems),
         "compared": choice.table.round(4).replace({np.nan: None}).to_dict("records"),
         "left_out": choice.left_out,
         "runs": choice.runs,
@@ -93,43 +108,34 @@ def make_certificate(
         "chip": None if numbers is None else _chip_costs(numbers, recogniser.rate_hz, scene.board),
         "without": without,
         "faults": faults,
-        "stream": operating_points(recogniser),
-        "no_stream": _why_no_stream(recogniser, without),
-        "watched": watched,
+        "operating_points": operating_points(recogniser),
+        "no_stream": no_stream,
         "unknown": unknown_sentences(corpus),
     }
     return recogniser, facts
 
 
-def expected_accuracy(nested: pd.DataFrame) -> dict[str, Any]:
-    """Accuracy to expect for a new person, of all gestures and of each.
+def expected_accuracy(labels: pd.DataFrame) -> dict[str, Any]:
+    """Correctly classified captures to expect of a new person, of all gestures and of each.
 
     Args:
-        nested: labels of people left out, as `ChosenSystem.nested`.
+        labels: labels of people left out, as `ChosenSystem.captures`.
     """
-    right = nested["true"].astype(str) == nested["predicted"].astype(str)
-    people = nested["subject"].astype(str)
-    counts = _count_by_person(right, people)
-    chosen = nested.groupby(people)["system"].first()
-    gestures = {}
-    for gesture, part in right.groupby(nested["true"].astype(str)):
-        gestures[str(gesture)] = _rounded_bounds(_count_by_person(part, people), GESTURE_SPREAD)
-    return {
-        **_rounded_bounds(counts, SPREAD),
-        "people": {str(p): [int(row["right"]), int(row["total"])] for p, row in counts.iterrows()},
-        "systems": {str(name) or "none": int(n) for name, n in chosen.value_counts().items()},
-        "gestures": gestures,
-    }
+    right = labels["true"].astype(str) == labels["predicted"].astype(str)
+    table = labels.assign(right=right, subject=labels["subject"].astype(str))
+
+    def count(part: pd.DataFrame) -> pd.DataFrame:
+        return part.groupby("subject")["right"].agg(right="sum", total="size")
+
+    groups = table.groupby(labels["true"].astype(str))
+    gestures = bounds_of_gestures({str(gesture): count(part) for gesture, part in groups})
+    return {**bounds_of_counts(count(table), SPREAD), "gestures": gestures}
 
 
-def _count_by_person(right: pd.Series, people: pd.Series) -> pd.DataFrame:
-    return right.groupby(people[right.index]).agg(right="sum", total="size")
-
-
-def _rounded_bounds(counts: pd.DataFrame, spread: float) -> dict[str, Any]:
-    right, total = counts["right"].to_numpy(), counts["total"].to_numpy()
-    bounds = asdict(new_person_bounds(right, total, spread))
-    return {name: value if value is None else round(value, 4) for name, value in bounds.items()}
+def _count_systems(systems: Mapping[str, str]) -> dict[str, int]:
+    """How often each system was chosen without a person."""
+    counts = pd.Series(systems, dtype=str).value_counts()
+    return {str(name) or "none": int(number) for name, number in counts.items()}
 
 
 def _fault_losses(
@@ -138,53 +144,28 @@ def _fault_losses(
     """Losses under each fault: the last severity that costs at most `MAX_LOSS`, and the next."""
     faults = [*(scene.faults or systems.DEFAULT_FAULTS)]
     values = {**on, "protocol": "loso", **choice.values, "under": faults}
-    cases = runs_table([run_plan(*make_plan(values))], cases=True)
+    if choice.watched is None:
+        cases = runs_table([run_plan(*make_plan(values))], cases=True)
+        cases = cases.rename(columns={"case": "fault", "level": "severity"})
+    else:
+        cases = run_plan(*make_plan(values, WATCH)).tables[FAULT_SCORES]
+        is_clean = cases["severity"] == 0
+        cases["loss"] = 100 * (float(cases["end_correct"][is_clean].iloc[0]) - cases["end_correct"])
+        cases = cases[~is_clean]
     losses = []
-    for name, part in cases.groupby("case", sort=False):
-        row = {"fault": str(name), "survives": None, "lost": None}
-        row |= {"fails": None, "lost_there": None}
-        for level in part.sort_values("level").itertuples():
-            if level.loss > MAX_LOSS:
-                row |= {"fails": str(level.amount), "lost_there": round(float(level.loss), 1)}
+    for name, part in cases.groupby("fault", sort=False):
+        row: dict[str, Any] = {"fault": str(name), "survives": None, "fails": None}
+        for level in part.sort_values("severity").to_dict("records"):
+            is_survived = level["loss"] <= MAX_LOSS
+            row["survives" if is_survived else "fails"] = {
+                "amount": str(level["amount"]),
+                "lost": round(float(level["loss"]), 1),
+                **{key: value_or_none(level.get(key)) for key in FAULT_COLUMNS},
+            }
+            if not is_survived:
                 break
-            row |= {"survives": str(level.amount), "lost": round(float(level.loss), 1)}
         losses.append(row)
     return losses
-
-
-def _watch_recordings(
-    on: Mapping[str, str], scene: Scene, choice: ChosenSystem
-) -> dict[str, Any] | None:
-    """Results in recordings of people left out; None if the scene has no budgets of streams."""
-    costs = {key: costs_by_budget()[key] for key in STREAM_BUDGETS if key in scene.values}
-    limits = {key: cost.parse_budget(scene.values[key]) for key, cost in costs.items()}
-    if not limits:
-        return None
-    numbers = run_plan(*make_plan({**on, "protocol": "loso", **choice.values}, "watch")).metrics
-    rate, minutes = numbers.get("false_alarms_per_hour"), numbers["background_minutes"]
-    for key, cost in costs.items():
-        limit = limits[key]
-        amount = cost.value_of_row(numbers) if cost.of_people is None else rate
-        if amount is None:
-            raise InputError(
-                f"{choice.name}: {cost.noun} is unknown: {cost.why_unknown}; leave {key}= out of "
-                "the scene"
-            )
-        if amount > limit:
-            amounts = f"{cost.format_amount(amount)}, its budget is {cost.format_amount(limit)}"
-            raise InputError(
-                f"{choice.name} fits all other budgets, but has {cost.noun} {amounts}; relax it, "
-                "or record more people"
-            )
-    latency = numbers.get("latency_s_p50")
-    found = {"background_minutes": round(minutes, 1), "alarms": None}
-    found |= {"per_hour": None, "at_most_per_hour": None}
-    if rate is not None:
-        alarms, hours = round(rate * minutes / 60), minutes / 60
-        upper_rate = round(poisson_upper_rate(alarms, hours), 2)
-        found |= {"alarms": alarms, "per_hour": round(rate, 2), "at_most_per_hour": upper_rate}
-    found["found"] = round(numbers["touches_found"], 4)
-    return found | {"latency_ms": None if latency is None else round(1000 * latency)}
 
 
 def _chip_costs(
@@ -218,17 +199,6 @@ def operating_points(recogniser: Recogniser) -> dict[str, Any] | None:
     minutes = 60 * max((point[2] for point in watcher.points), default=0)
     soonest = 1000 * watcher.soonest / recogniser.rate_hz
     return {"background_minutes": round(minutes, 1), "soonest_ms": round(soonest), "points": points}
-
-
-def _why_no_stream(recogniser: Recogniser, without: str) -> str:
-    """Reason why a model does not watch a stream, or ""."""
-    if recogniser.watcher is not None:
-        return ""
-    if without:
-        return "the budgets have no room for the detector"
-    if check_exportable(recogniser.estimator):
-        return "the captures cannot teach a detector of touches"
-    return "the C of this system cannot watch a stream"
 
 
 def unknown_sentences(corpus: Corpus) -> list[str]:
@@ -265,6 +235,7 @@ def render_page(facts: Mapping[str, Any]) -> str:
     """Render the certificate as Markdown."""
     env = template_environment(files("touchbench_builder") / "templates")
     env.filters["pc"] = format_share
+    env.filters["num"] = format_number
     return env.get_template("certificate.md.jinja").render(**facts)
 
 
@@ -273,14 +244,20 @@ def format_share(share: float | None) -> str:
     return "unknown" if share is None else f"{100 * share:.1f} %"
 
 
+def format_number(value: float | None, form: str = ".3g") -> str:
+    """Format a number, or "unknown"."""
+    return "unknown" if value is None else format(value, form)
+
+
 def summary_lines(facts: Mapping[str, Any]) -> list[str]:
     """Summarise the certificate in a line or two."""
-    bounds, data = facts["expected"], facts["data"]
+    stream, people = facts["stream"], facts["data"]["people"]
+    bounds = facts["captures"] if stream is None else stream["last"]
+    noun = "correctly classified captures" if stream is None else "touches of a stream named right"
     shares = {name: format_share(bounds[name]) for name in ("mean", "mean_low", "person_low")}
-    expect = f"a new person may expect {shares['mean']} correctly classified captures"
-    line = f"{facts['system']['name']}: {expect}"
+    line = f"{facts['system']['name']}: a new person may expect {shares['mean']} {noun}"
     if bounds["mean_low"] is None:
-        return [f"{line}; {format_count(data['people'], 'subject')} are too few for a bound"]
+        return [f"{line}; {format_count(people, 'subject')} are too few for a bound"]
     mean_bound = f"mean of the next {bounds['next_people']} people or more at least"
     person_bound = f"nine of ten people above {shares['person_low']}"
     return [line, f"{mean_bound} {shares['mean_low']} (95 %); {person_bound}"]

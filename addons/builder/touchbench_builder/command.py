@@ -8,11 +8,12 @@ BUILD = Command(
     START,
     "build C with a certificate from recordings of a skin",
     "Imports FILE, or uses data=. Compares a few systems that have C on people left out, cheap "
-    "ones first. Chooses the cheapest within one standard error of the best, within the budgets of "
-    "scene and board. Trains it on all captures and writes C, examples, tests and a certificate. "
-    "The certificate names the accuracy to expect for a new person. An interrupted command "
-    "continues where it stopped. check FOLDER runs captures of other people through the C; exit "
-    "code 1 if they contradict the certificate. "
+    "ones first: on touches in streams, as of bench watch. Chooses the cheapest within one "
+    "standard error of the best, within the budgets of scene and board. Trains it on all captures "
+    "and writes C, examples, tests and a certificate. The certificate names what a new person may "
+    "expect of touch_watch. An interrupted command continues where it stopped. check FOLDER runs "
+    "streams and captures of other people through the C; exit code 1 if they contradict the "
+    "certificate. "
     f"{TRUST_NOTE}",
     "bench build mine.csv grid=6x6 rate_hz=50 scene=companion board=stm32f411 out=robot\n"
     "bench build data=haart max_flash=64kB seconds=600 out=robot\n"
@@ -40,6 +41,12 @@ BUILD = Command(
             "number",
             600,
             "time; a system is left out if its comparison, faults and last fit need more",
+        ),
+        Option(
+            "watch",
+            "yes",
+            True,
+            "no: judge captures that your program cuts; the C finds no touches in a stream",
         ),
         PREFIX_OPTION,
         Option("out", "text", "", "folder for the C; new or empty"),

@@ -6,9 +6,10 @@ import json
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,9 +19,13 @@ from bench.ground.digests import json_with_digest
 from bench.ground.scratch import check_empty_folder, fill_then_rename, remove_path
 from bench.running.saved import Recogniser
 from touchbench_builder.certificate import render_page, summary_lines
+from touchbench_builder.stream import reports_of_news
 from touchbench_chip.classifiers import format_float
-from touchbench_chip.measure import compile_labeller
+from touchbench_chip.measure import compile_labeller, compile_watcher
 from touchbench_chip.write import PREFIX, rename_public, write_c_sources
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 CODE = Path(__file__).parent / "code"
 CERTIFICATE = "certificate.json"
@@ -129,16 +134,33 @@ def label_with_c(
 
     The C is compiled for this machine, outside of the folder.
     """
+    with _compiled(folder) as copy:
+        run = compile_labeller(copy, len(classes), prefix)
+        answers = [run(frames) for frames in corpus]
+    labels = np.array([classes[int(proba.argmax())] for proba, _ in answers], dtype=object)
+    return labels, np.array([unlike for _, unlike in answers])
+
+
+def watch_with_c(
+    folder: Path, classes: list[str], recordings: Corpus, prefix: str = PREFIX
+) -> pd.DataFrame:
+    """Reports of ``touch_watch``, by the C of a folder, on recordings."""
+    with _compiled(folder) as copy:
+        run = compile_watcher(copy, prefix)
+        news = [run(frames) for frames in recordings]
+    return reports_of_news(news, recordings, classes)
+
+
+@contextmanager
+def _compiled(folder: Path) -> Iterator[Path]:
+    """A temporary copy of the C of a folder, to be compiled; errors are one line."""
     with tempfile.TemporaryDirectory() as name:
         try:
             for file in ("touch.c", "touch.h", "tables.h"):
                 shutil.copyfile(folder / file, Path(name, file))
-            run = compile_labeller(Path(name), len(classes), prefix)
-            answers = [run(frames) for frames in corpus]
+            yield Path(name)
         except (OSError, ValueError) as e:  # no such file, no compiler, changed C
             raise InputError(f"{folder}: its C cannot be run: {e}; build it again") from e
-    labels = np.array([classes[int(proba.argmax())] for proba, _ in answers], dtype=object)
-    return labels, np.array([unlike for _, unlike in answers])
 
 
 def vectors_header(recogniser: Recogniser, corpus: Corpus) -> str:

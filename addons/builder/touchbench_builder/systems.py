@@ -37,6 +37,7 @@ from bench.running.saved import Recogniser, load_recogniser
 from bench.store.client import connect
 from bench.values.measures import all_costs
 from bench.values.scores import label_captures
+from touchbench_builder.stream import select_people
 from touchbench_chip.measure import ROOMY, measure_footprint, measure_watching, missing_programs
 from touchbench_chip.tables import check_exportable
 from touchbench_chip.write import hash_fixed_code, write_c_sources
@@ -49,13 +50,14 @@ if TYPE_CHECKING:
     from bench.running.workers import FoldExecutor
     from bench.values.result import Result
     from touchbench_builder.progress import Progress
+    from touchbench_builder.stream import WatchedPeople
     from touchbench_streams.detectors.ticks import TickWatcher
 
 BITS = 8  # of a weight in C; Python rounds to the same if it can
 STREAM_BUDGETS = ("max_false_alarms", "max_latency")  # of a scene, for recordings
 BUILT_TAG = "touchbench.built"  # tag of a model: hash of what it was built from
-STREAM = "the detector of touches in a stream"
 EARLY = "calibration and early decisions"
+WATCH = "watch"  # the command of runs on streams
 CHIP_COSTS = ("flash_bytes", "ram_bytes", "stack_bytes", "frame_instructions", "most_instructions")
 CHIP_COST_OF = {"flash": "flash_bytes", "ram": "ram_bytes", "cycles": "most_instructions"}
 ROUNDED_MODELS = ("lda", "softmax", "reflex")  # those with model.bits=
@@ -64,9 +66,10 @@ SMALLEST_SYSTEM: dict[str, object] = {"model": "tree", "features": "jung28"}
 LARGEST_SYSTEM: dict[str, object] = {"model": "reflex", "model.bits": BITS}
 LARGEST_S = 60.0  # of a fit on one core
 DEFAULT_FAULTS = ("dead_taxels", "stuck_taxels", "noise")  # if the scene names none
-# As multiples of the processor time of a comparison: a fault, watching recordings in one fold, and
-# the last fit, which also teaches a detector of touches if the C of the system can watch a stream.
-FAULT_TIME, WATCH_TIME, LAST_FIT_TIME, LAST_WATCHING_FIT_TIME = 2.5, 2.0, 2.0, 6.0
+# As multiples of the processor time of a comparison on captures: a fault, and the last fit.
+FAULT_TIME, LAST_FIT_TIME = 2.5, 2.0
+# The same of a comparison on streams: all faults with it, captures, and in folds, the last fit.
+STREAM_FAULTS_TIME, CAPTURES_TIME, LAST_WATCHING_FITS = 1.5, 0.5, 2.0
 
 
 @dataclass(frozen=True)
@@ -77,7 +80,9 @@ class ChosenSystem:
         values: its keys of ``bench run``.
         name: its name in tables.
         table: a row per compared system: system, accuracy in percent, flash and ram in kB, verdict.
-        nested: a row per capture, labelled by the system that is chosen without its subject.
+        systems: the system that is chosen without each person, "" where none is.
+        captures: a row per capture, labelled by the system that is chosen without its subject.
+        watched: touches and reports of each person by that system; None without streams.
         left_out: systems that were not compared, with reasons.
         runs: ids of the compared runs.
         limits: budget of each cost.
@@ -87,7 +92,9 @@ class ChosenSystem:
     values: dict[str, Any]
     name: str
     table: pd.DataFrame
-    nested: pd.DataFrame
+    systems: dict[str, str]
+    captures: pd.DataFrame
+    watched: WatchedPeople | None
     left_out: list[str]
     runs: list[str]
     limits: dict[str, float]
@@ -135,6 +142,7 @@ def compare_systems(
     scene: Scene,
     limits: Mapping[str, float],
     progress: Progress,
+    watches: bool,
 ) -> ChosenSystem:
     """Run systems on people left out, link each for a Cortex-M4F, and choose within the budgets.
 
@@ -144,6 +152,7 @@ def compare_systems(
         scene: needs of the robot, with budgets.
         limits: budgets of the command line, which replace those of the scene.
         progress: progress of the build.
+        watches: choose by labels of touches in streams, else by those of captures.
 
     Raises:
         InputError: no system could be compared, or none is within the budgets.
@@ -151,14 +160,18 @@ def compare_systems(
     left = progress.seconds_left
     progress.start_step(f"systems on people left out, within {format_seconds(left)}")
     systems = candidate_systems(corpus)
-    if needs_stream(scene):  # the C of the smallest cannot watch
+    if watches:  # the C of the smallest cannot watch
         systems = [pair for pair in systems if pair[0] != SMALLEST_SYSTEM]
     faults = {"under": [*scene.faults]} if scene.faults else {}
     plans: dict[str, tuple[dict[str, Any], Plan]] = {}
-    results, left_out, longest, slowest = [], [], 0.0, 0.0
+    results, damaged, left_out = [], [], []
+    longest = slowest = 0.0
     for number, (values, fit_seconds) in enumerate(systems, 1):
         title, left = system_title(values), progress.seconds_left
-        plan, executor = make_plan(on | {"protocol": "loso"} | values | faults)
+        keys = on | {"protocol": "loso"} | values
+        pairs = [make_plan(keys, WATCH)] if watches else []
+        pairs += [make_plan(keys | faults)] if faults or not watches else []
+        plan = pairs[0][0]
         seconds = max(slowest, fit_seconds * len(plan.folds) / plan.workers)
         needed = max(longest, seconds) + sum(later_seconds(plan, scene, seconds))
         if results and left < needed and find_stored_runs(connect(), [plan])[1]:
@@ -169,15 +182,18 @@ def compare_systems(
             f"system {number} of {len(systems)}: {title}; {format_seconds(left)} left"
         )
         try:
-            result = run_plan(plan, executor)
+            result, *others = [run_plan(*pair) for pair in pairs]
+            if watches and not result.metrics["touches_found"]:
+                raise InputError("it found no touch in any stream")
             if not missing_programs():
-                costs = linked_costs(on, values, str(result["run_id"]))
+                costs = linked_costs(on, values, str(result["run_id"]), watches)
                 sources = {all_costs()[key].source_name: CHIP_COST_OF[key] for key in CHIP_COST_OF}
                 result.metrics |= {source: costs[name] for source, name in sources.items()}
         except InputError as e:
             left_out.append(f"{title}: {e}")
             continue
         results.append(result)
+        damaged += others
         plans[result.system] = values, plan
         longest = max(longest, left - progress.seconds_left)  # starts of processes and linking too
         slowest = max(slowest, comparison_seconds(plan))
@@ -188,7 +204,7 @@ def compare_systems(
         compared = f"{len(results)} of {len(systems)} systems compared"
         progress.print_line(f"{compared}; not {left_out[0]}{more}")
     progress.start_step("choice")
-    choice = _choose_system(results, scene, limits)
+    choice = _choose_system(results + damaged, scene, limits, watches)
     if choice.chosen is None:
         raise InputError(nothing_fits_message(choice))
     name, runs = str(choice.system), {r.system: str(r["run_id"]) for r in results}
@@ -197,8 +213,27 @@ def compare_systems(
     more = f"{format_estimate(tests)} more for its tests, " * (tests > 0)
     progress.print_line(f"{name}; {more}{format_estimate(last)} for its last fit")
     table = choice.table[["system", "accuracy", "flash", "ram", "verdict"]]
-    labels, run_ids = nested_labels(choice, results), [*runs.values()]
-    return ChosenSystem(values, name, table, labels, left_out, run_ids, choice.budgets, runs[name])
+    systems_of_people = systems_without_each(choice)
+    deciding = {person: system or name for person, system in systems_of_people.items()}
+    watched, on_captures = None, results
+    if watches:
+        watched = select_people(results, deciding)
+        keys = [on | {"protocol": "loso"} | plans[each][0] for each in {*deciding.values()}]
+        on_captures = [run_plan(*make_plan(each)) for each in keys]
+    captures = nested_labels(on_captures, deciding)
+    run_ids = [*runs.values()]
+    return ChosenSystem(
+        values,
+        name,
+        table,
+        systems_of_people,
+        captures,
+        watched,
+        left_out,
+        run_ids,
+        choice.budgets,
+        runs[name],
+    )
 
 
 def system_title(values: Mapping[str, Any]) -> str:
@@ -237,33 +272,52 @@ def later_seconds(plan: Plan, scene: Scene, seconds: float) -> tuple[float, floa
         scene: needs of the robot.
         seconds: seconds of the comparison, with all workers; the last fit has one process.
     """
+    if plan.cell.run_kind is not None:
+        tests = STREAM_FAULTS_TIME + CAPTURES_TIME
+        return tests * seconds, LAST_WATCHING_FITS * seconds * plan.workers / len(plan.folds)
     clean = seconds / (1 + FAULT_TIME * len(scene.faults))
-    tests = WATCH_TIME * len(plan.folds) * needs_stream(scene)
-    tests += 0 if scene.faults else FAULT_TIME * len(DEFAULT_FAULTS)
-    last = LAST_WATCHING_FIT_TIME if check_exportable(plan.cell.untrained_system) else LAST_FIT_TIME
-    return tests * clean, last * clean * plan.workers
+    tests = 0 if scene.faults else FAULT_TIME * len(DEFAULT_FAULTS)
+    return tests * clean, LAST_FIT_TIME * clean * plan.workers
 
 
-def _choose_system(results: list[Result], scene: Scene, limits: Mapping[str, float]) -> rule.Choice:
-    """Choose among results as ``bench choose`` does."""
-    unused = ("clock", "unit", *STREAM_BUDGETS)
+def _choose_system(
+    results: list[Result], scene: Scene, limits: Mapping[str, float], watches: bool
+) -> rule.Choice:
+    """Choose among results as ``bench choose`` does, among those on streams if it watches."""
+    unused = ("clock", "unit", *(() if watches else STREAM_BUDGETS))
     settings = typed_settings(
         "choose", {key: value for key, value in scene.values.items() if key not in unused}
     )
     budgets, margin = cost_limits(settings) | dict(limits), settings["margin"]
-    return rule.choose_from_runs(results, {}, settings["by"], budgets, scene=scene, margin=margin)
+    kind = WATCH if watches else ""
+    return rule.choose_from_runs(
+        results, {}, settings["by"], budgets, scene=scene, margin=margin, run_kind=kind
+    )
 
 
-def nested_labels(choice: rule.Choice, results: list[Result]) -> pd.DataFrame:
-    """Labels of each subject's captures by the system that the other subjects alone choose."""
+def systems_without_each(choice: rule.Choice) -> dict[str, str]:
+    """The system that is chosen without each person, "" where none is."""
+    candidates = choice.candidates
+    rows = zip(candidates.subjects, choice.choices_without_each(), strict=True)
+    return {
+        str(subject): "" if row is None else str(candidates.table.loc[row, "system"])
+        for subject, row in rows
+    }
+
+
+def nested_labels(results: list[Result], systems: Mapping[str, str]) -> pd.DataFrame:
+    """Labels of each person's captures by the system that the other people alone choose.
+
+    Args:
+        results: runs on captures.
+        systems: the system of each person.
+    """
     labels = {r.system: label_captures(r.tables["predictions"]) for r in results}
-    candidates, parts = choice.candidates, []
-    for subject, row in zip(candidates.subjects, choice.choices_without_each(), strict=True):
-        name = "" if row is None else str(candidates.table.loc[row, "system"])
-        part = labels[name or str(choice.system)]
-        part = part[part["subject"].astype(str) == str(subject)]
-        parts.append(part[["subject", "true", "predicted"]].assign(system=name))
-    return pd.concat(parts, ignore_index=True)
+    parts = []
+    for subject, system in systems.items():
+        part = labels[system]
+        parts.append(part[part["subject"].astype(str) == subject])
+    return pd.concat(parts, ignore_index=True)[["subject", "true", "predicted"]]
 
 
 def nothing_fits_message(choice: rule.Choice) -> str:
@@ -279,11 +333,6 @@ def nothing_fits_message(choice: rule.Choice) -> str:
     if boards and any(limit["over"] and limit["cost"].key in sizes for limit in choice.limits):
         lines.append(f"The smallest board that holds one of them is {min(boards)[1]}.")
     return " ".join(lines).removesuffix(".")
-
-
-def needs_stream(scene: Scene) -> bool:
-    """Return True if a scene has budgets of streams."""
-    return not {*STREAM_BUDGETS}.isdisjoint(scene.values)
 
 
 class GesturesAndStream(Watching):
@@ -317,8 +366,8 @@ def fit_or_load(
     for stored in store.search_runs(f"tags.`{BUILT_TAG}` = '{key}'"):
         return stored.info.run_id, load_recogniser(f"runs:/{stored.info.run_id}/model")
     (cell,) = make_cells({k: v for k, v in on.items() if k != "jobs"} | dict(values))
-    can_watch = watch and check_exportable(cell.untrained_system)
-    fitted = fit(cell, stopping=stopping, learner=GesturesAndStream(cell) if can_watch else None)
+    learner = GesturesAndStream(cell) if watch else None
+    fitted = fit(cell, stopping=stopping, learner=learner)
     store.log_values(fitted.run_id, tags={BUILT_TAG: key})
     return fitted.run_id, fitted.recogniser
 
@@ -328,13 +377,15 @@ def build_key(*parts: object) -> str:
     return hashlib.sha256(json.dumps([str(part) for part in parts]).encode()).hexdigest()[:20]
 
 
-def linked_costs(on: Mapping[str, Any], values: Mapping[str, Any], run_id: str) -> dict[str, float]:
+def linked_costs(
+    on: Mapping[str, Any], values: Mapping[str, Any], run_id: str, watches: bool
+) -> dict[str, float]:
     """`CHIP_COSTS` of a system in C, trained on all captures; stored with the model."""
     store, key = connect(writes=True), _linked_key(run_id)
     for model in store.search_runs(f"tags.`{BUILT_TAG}` = '{key}'"):
         if all(f"linked_{name}" in model.data.metrics for name in CHIP_COSTS):
             return {name: model.data.metrics[f"linked_{name}"] for name in CHIP_COSTS}
-    model_id, recogniser = fit_or_load(on, values, key, stopping=False, watch=False)
+    model_id, recogniser = fit_or_load(on, values, key, stopping=False, watch=watches)
     costs = measure_on_chip(recogniser)
     store.log_values(model_id, {f"linked_{name}": value for name, value in costs.items()})
     return costs
@@ -359,7 +410,7 @@ def measure_on_chip(recogniser: Recogniser) -> dict[str, float]:
 
 
 def train_chosen(
-    on: Mapping[str, Any], choice: ChosenSystem, scene: Scene
+    on: Mapping[str, Any], choice: ChosenSystem
 ) -> tuple[str, Recogniser, dict[str, float] | None, str]:
     """Train the chosen system on all captures, with as many abilities as the budgets allow.
 
@@ -367,33 +418,23 @@ def train_chosen(
         Id of its run, the model, its `CHIP_COSTS` (None if they cannot be measured), and the
         abilities that the budgets exclude, in words.
     """
-    run_id, recogniser = fit_or_load(on, choice.values, build_key(choice.run_id, "built"))
+    watches = choice.watched is not None
+    key = build_key(choice.run_id, "built")
+    run_id, recogniser = fit_or_load(on, choice.values, key, watch=watches)
     if missing_programs():
         return run_id, recogniser, None, ""
-    watches = recogniser.watcher is not None
     costs = measure_on_chip(recogniser)
     if _fits_budgets(costs, choice):
         return run_id, recogniser, costs, ""
-    state = "trained on all captures"
-    if needs_stream(scene):
-        state = "with the detector that the scene needs"
-    else:
-        attempts = [(_linked_key(choice.run_id), False, EARLY)]
-        if watches:
-            only_stopping = build_key(choice.run_id, "built", STREAM), True, STREAM
-            attempts = [only_stopping, (attempts[0][0], False, f"{STREAM}, {EARLY}")]
-        for key, stopping, excluded in attempts:
-            recogniser.watcher = None
-            recogniser.stopping = recogniser.stopping if stopping else None
-            costs = measure_on_chip(recogniser)
-            if _fits_budgets(costs, choice):
-                options = {"stopping": stopping, "watch": False}
-                stored = fit_or_load(on, choice.values, key, **options)
-                return *stored, costs, excluded
+    key = _linked_key(choice.run_id)
+    stored = fit_or_load(on, choice.values, key, stopping=False, watch=watches)
+    costs = measure_on_chip(stored[1])
+    if _fits_budgets(costs, choice):
+        return *stored, costs, EARLY
     kilobytes = [f"{costs[name] / 1000:.1f} kB" for name in ("flash_bytes", "ram_bytes")]
     raise InputError(
-        f"{choice.name} fits, but {state} it takes {kilobytes[0]} of flash and {kilobytes[1]} of "
-        "RAM; take a larger board or raise its budgets"
+        f"{choice.name} fits, but trained on all captures it takes {kilobytes[0]} of flash and "
+        f"{kilobytes[1]} of RAM; take a larger board or raise its budgets"
     )
 
 

@@ -19,6 +19,9 @@ from touchbench_chip.write import CODE, PREFIX, rename_public
 
 PROGRAMS = ("cc", "make", "arm-none-eabi-gcc", "qemu-system-arm")
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-shared", "-fPIC")
+# An event of touch.h, and the news that it comes with.
+EVENT = [("label", np.int32), ("confidence", np.float32), ("reported", np.uint32)]
+NEWS = np.dtype([*EVENT, ("end", np.uint32), ("news", np.int32)])
 REASON = re.compile(r"too small|error:|undefined reference")  # in the first useful line of a linker
 LIMIT_S = 300  # of one program; QEMU takes seconds
 ROOMY = ("FLASH=4M", "RAM=1M")  # of an emulated chip on which any system is counted
@@ -63,10 +66,7 @@ def compile_labeller(
     Raises:
         ValueError: the files do not compile.
     """
-    code = (CODE / "asked.c").read_text(encoding="utf-8")
-    (folder / "asked.c").write_text(rename_public(code, prefix), encoding="utf-8")
-    _run_program(["cc", *FLAGS, "asked.c", "-lm", "-o", "asked.so"], folder)
-    run = ctypes.CDLL(str(folder / "asked.so")).asked
+    run = _load_function("asked", "asked", folder, prefix)
     floats = ctypes.POINTER(ctypes.c_float)
 
     def label_capture(frames: np.ndarray) -> tuple[np.ndarray, bool]:
@@ -81,6 +81,38 @@ def compile_labeller(
         return proba, bool(unlike.value)
 
     return label_capture
+
+
+def compile_watcher(folder: Path, prefix: str = PREFIX) -> Callable[[np.ndarray], np.ndarray]:
+    """Compile the C files of a folder into a function that watches a recording.
+
+    Returns:
+        A function from a recording [frames, rows, cols] to the `NEWS` of ``touch_watch``. It raises
+        a ValueError for a recording with a frame that the C refuses.
+
+    Raises:
+        ValueError: the files do not compile.
+    """
+    run = _load_function("watched", "watch_recording", folder, prefix)
+
+    def watch_recording(frames: np.ndarray) -> np.ndarray:
+        values = np.ascontiguousarray(frames.reshape(len(frames), -1), dtype=np.float32)
+        news = np.zeros(len(values) + 1, NEWS)
+        pointers = (array.ctypes.data_as(ctypes.c_void_p) for array in (values, news))
+        count = run(next(pointers), len(values), next(pointers))
+        if count < 0:
+            raise ValueError(f"the program refuses a frame of a recording with code {count}")
+        return news[:count]
+
+    return watch_recording
+
+
+def _load_function(file: str, name: str, folder: Path, prefix: str) -> Any:
+    """Compile a C file together with those of a folder, and load a function of it."""
+    code = (CODE / f"{file}.c").read_text(encoding="utf-8")
+    (folder / f"{file}.c").write_text(rename_public(code, prefix), encoding="utf-8")
+    _run_program(["cc", *FLAGS, f"{file}.c", "-lm", "-o", f"{file}.so"], folder)
+    return getattr(ctypes.CDLL(str(folder / f"{file}.so")), name)
 
 
 def measure_footprint(folder: Path, *room: str) -> dict[str, float]:

@@ -68,7 +68,6 @@ class ChipView(View):
             axis="thousand instructions of the costliest frame in C",
             why_unknown="only form=c counts them",
             help="most instructions for the costliest frame, such as 600k",
-            measured_on=("captures",),
             spare=5,
             command="run form=c",
             at_clock="decision",
