@@ -35,6 +35,7 @@ SUM_TOLERANCE = 1e-3
 TABLE_PACKAGES = {"sklearn", "xgboost", "lightgbm", "catboost", "imblearn"}
 STARRED = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
 Value = TypeVar("Value")
+Estimator = TypeVar("Estimator", bound="System")
 
 
 class System(Protocol):
@@ -42,8 +43,8 @@ class System(Protocol):
 
     classes_: np.ndarray
 
-    def fit(self, X: Corpus, y: np.ndarray) -> System:
-        """Learn from captures and their class names."""
+    def fit(self, X: Corpus, y: np.ndarray) -> object:
+        """Learn from captures and their class names; what it returns is not used."""
 
     def predict(self, X: Corpus) -> np.ndarray:
         """Class name of each capture."""
@@ -356,10 +357,14 @@ def predict_labels(estimator: System, X: Corpus) -> np.ndarray:
     if is_unknown.any() and (label := abstention_label(estimator)) is not None:
         is_unknown &= labels != label
     if is_unknown.any():
-        raise PredictionError(
-            f"predict gives {labels[is_unknown.argmax()]!r}, which is not one of the trained "
-            "gestures; a system that abstains declares the label that it then gives, such as "
+        advice = (
+            "a system that abstains declares the label that it then gives, such as "
             "abstains = 'unknown'"
+        )
+        if isinstance(label := labels[is_unknown.argmax()], int | np.integer):
+            advice = "give names: self.classes_[numbers]"
+        raise PredictionError(
+            f"predict gives {label!r}, which is not one of the trained gestures; {advice}"
         )
     return labels.astype(str)
 
@@ -400,7 +405,40 @@ def check_probabilities(estimator: System, proba: Any, rows: int, method: str) -
     )
 
 
-# What happened while it was fitted
+# Fit a system, and what happened meanwhile
+
+
+def check_methods(name: str, estimator: System) -> None:
+    """Refuse a model without ``fit(X, y)`` and ``predict(X)``."""
+    for method, arguments in (("fit", ("X", "y")), ("predict", ("X",))):
+        words = f"{method}({', '.join(arguments)})"
+        if not callable(call := getattr(estimator, method, None)):
+            raise InputError(f"model={name}: it has no {words}; write one")
+        try:
+            inspect.signature(call).bind(*arguments)
+        except TypeError as e:
+            raise InputError(f"model={name}: {method} cannot be called as {words}: {e}") from e
+        except ValueError:  # it has no signature
+            continue
+
+
+def fit_system(estimator: Estimator, X: Corpus, y: np.ndarray) -> Estimator:
+    """Fit a system, whatever its ``fit`` returns, and check its ``classes_``; return it.
+
+    Raises:
+        PredictionError: ``classes_`` is missing, or has another name than training.
+    """
+    estimator.fit(X, y)
+    advice = "write self.classes_ = np.unique(y) in fit"
+    if (classes := getattr(estimator, "classes_", None)) is None:
+        raise PredictionError(f"fit sets no classes_; {advice}")
+    known = set(y)
+    if unknown := [name for name in np.asarray(classes, dtype=object) if name not in known]:
+        raise PredictionError(
+            f"classes_ has {unknown[0]!r}, which is no class of training, such as {y[0]!r}; "
+            f"{advice}"
+        )
+    return estimator
 
 
 def reported_fit_seconds(estimator: System, wall: float, cpu: float) -> tuple[float, float]:

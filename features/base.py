@@ -11,7 +11,7 @@ from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils.validation import check_is_fitted
 
 from bench.corpora.corpus import COPY, Corpus, unblind
-from bench.errors import InputError
+from bench.errors import HiddenError, InputError
 from bench.features.cache import load_or_extract
 
 # Values that vary by less are constant up to rounding.
@@ -21,9 +21,10 @@ ABSOLUTE_ROUNDING = 1e-15
 
 def is_constant(X: pd.DataFrame | np.ndarray) -> np.ndarray:
     """Return True for features that are constant up to rounding, bool [n_features]."""
-    values = np.asarray(X, dtype=np.float64)
-    rounding = RELATIVE_ROUNDING * np.abs(values).max(axis=0)
-    return np.ptp(values, axis=0) <= np.maximum(rounding, ABSOLUTE_ROUNDING)
+    values = np.asarray(X)
+    lowest, highest = (v.astype(np.float64) for v in (values.min(axis=0), values.max(axis=0)))
+    rounding = RELATIVE_ROUNDING * np.maximum(np.abs(lowest), np.abs(highest))
+    return highest - lowest <= np.maximum(rounding, ABSOLUTE_ROUNDING)
 
 
 class FeatureSet(TransformerMixin, BaseEstimator):
@@ -70,6 +71,10 @@ class FeatureSet(TransformerMixin, BaseEstimator):
             return table
         return table.set_axis(capture_copy_index(stored.index, stored.piece // COPY))
 
+    def cache_identity(self) -> tuple[str, object, type | Callable]:
+        """What its values depend on besides captures: name, parameters and code."""
+        return type(self).__name__, sorted(self.get_params().items()), type(self)
+
     def get_feature_names_out(self, input_features: object = None) -> np.ndarray:
         """Names of the columns, str [n_features], once fitted."""
         check_is_fitted(self, "names_")
@@ -86,8 +91,8 @@ class FeatureSet(TransformerMixin, BaseEstimator):
         return not self.learns or any(name.endswith("_") for name in vars(self))
 
 
-class FunctionFeatures(TransformerMixin, BaseEstimator):
-    """A user's function as a feature set; it learns nothing.
+class FunctionFeatures(FeatureSet):
+    """A user's function as a feature set; it learns nothing, so its table is stored like ours.
 
     Args:
         function: function of a `Corpus` that returns a row of numbers for each capture: an array
@@ -98,26 +103,67 @@ class FunctionFeatures(TransformerMixin, BaseEstimator):
     def __init__(self, function: Callable[..., object], parameters: dict[str, object]) -> None:
         self.function, self.parameters = function, parameters
 
-    def fit(self, X: Corpus, y: object = None) -> FunctionFeatures:
-        """Learn nothing."""
-        return self
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """Columns that the function declares to need, in its attribute ``conditions``."""
+        return getattr(self.function, "conditions", ())
 
-    def transform(self, X: Corpus) -> pd.DataFrame:
+    def extract(self, corpus: Corpus) -> pd.DataFrame:
         """Call the function: features of each capture [captures, n_features].
 
         Raises:
-            InputError: the function returns another number of rows.
+            InputError: it returns no row of numbers for each capture.
         """
-        table = pd.DataFrame(self.function(X, **self.parameters)).rename(columns=str)
-        if len(table) != len(X):
-            name = self.function.__name__
+        values, name = self.function(corpus, **self.parameters), self.function.__name__
+        if not isinstance(values, pd.DataFrame):
+            try:
+                values = np.asarray(values)
+            except ValueError as e:
+                counts = [np.size(row) for row in values]
+                raise InputError(
+                    f"{name} returns rows of {min(counts)} to {max(counts)} numbers; give each "
+                    "capture the same features"
+                ) from e
+            if values.ndim not in (1, 2):
+                raise InputError(
+                    f"{name} returns an array of shape {values.shape}; give [captures, features]"
+                )
+        table = pd.DataFrame(values).rename(columns=str).reset_index(drop=True)
+        if len(table) != len(corpus):
             raise InputError(
-                f"{name} returns {len(table)} rows for {len(X)} captures; return a row for each"
+                f"{name} returns {len(table)} rows for {len(corpus)} captures; return a row for "
+                "each"
             )
+        if not table.columns.is_unique:
+            twice = table.columns[table.columns.duplicated()][0]
+            raise InputError(f"{name} returns two features named {twice!r}; rename one")
+        for column in table:
+            if table[column].dtype.kind not in "biuf":
+                raise InputError(
+                    f"{name} returns {table[column].iloc[0]!r} as feature {column}; give numbers"
+                )
         return table
 
-    def __sklearn_is_fitted__(self) -> bool:
-        return True
+    def check_captures(self, X: Corpus) -> None:
+        """Refuse a function that fails on captures, or gives no capture a value of some feature."""
+        name = self.function.__name__
+        try:
+            is_missing = self.extract(X.blind(self.conditions)).isna().all()
+        except InputError as e:
+            raise InputError(f"features={e}") from e
+        except HiddenError as e:
+            raise InputError(f"features={name}: {e}") from e
+        except Exception as e:  # a function of the user's may raise anything
+            raise InputError(f"features={name}: it raises {type(e).__name__}: {e}") from e
+        if is_missing.any():
+            raise InputError(
+                f"features={name}: feature {is_missing.idxmax()} is NaN for a capture of every "
+                "class; repair it or leave it out"
+            )
+
+    def cache_identity(self) -> tuple[str, object, type | Callable]:
+        """Name, parameters and code of the function."""
+        return self.function.__name__, sorted(self.parameters.items()), self.function
 
 
 def is_stateless(features: object) -> bool:

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 from sklearn.base import BaseEstimator
 
 from bench.corpora.corpus import Corpus, unblind
@@ -26,6 +27,8 @@ from bench.ground.scratch import data_folder, remove_path, write_then_rename
 from bench.ground.source import source_digest
 
 BLOCK_VALUES = 1 << 24  # sensor values of captures whose features are computed at once
+KEPT_BYTES = 1 << 26  # of a file whose table stays in memory for the next fold
+pa.set_memory_pool(pa.system_memory_pool())  # which returns freed memory at once
 # Code that is loaded does not change.
 _code_digest: Callable[..., str] = lru_cache(maxsize=64)(source_digest)
 PIECE_COLUMNS = ("of capture", "piece")  # columns that identify the rows of a table after steps
@@ -70,10 +73,9 @@ def load_after_steps(features: BaseEstimator, X: Corpus, steps: tuple) -> pd.Dat
 
 def cache_key(features: BaseEstimator, digest: str, steps: tuple = ()) -> str:
     """Hash of corpus, steps, class, parameters and source code."""
-    kind = type(features)
-    code = _code_digest(kind, *(code for step in steps for code in step.code_objects()))
-    parameters = repr(sorted(features.get_params().items()))
-    parts = (digest, kind.__name__, parameters, code, repr(steps))
+    name, parameters, own_code = features.cache_identity()
+    code = _code_digest(own_code, *(code for step in steps for code in step.code_objects()))
+    parts = (digest, name, repr(parameters), code, repr(steps))
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:32]
 
 
@@ -84,7 +86,8 @@ def _table_path(features: BaseEstimator, digest: str, steps: tuple) -> Path:
 def _load_table(path: Path) -> pd.DataFrame | None:
     """Load a stored table; None if there is none, or a damaged one."""
     try:
-        return _read_table(path)
+        is_large = path.is_file() and path.stat().st_size > KEPT_BYTES
+        return _read_table.__wrapped__(path) if is_large else _read_table(path)
     except Exception:  # pyarrow raises a dozen types for damaged bytes
         return None
 

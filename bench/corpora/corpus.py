@@ -20,9 +20,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SATURATED_ONE_IN = 10  # a frame is saturated if one of so many taxels reads full scale; not tuned
+NEGATIVE_SHARE = 0.02  # of full scale; smaller negative readings of a live sensor are taken for 0
 COPY = 1 << 40  # a piece is COPY x the number of its copy + its first frame
 RESERVED = {"fold", "capture", "start", "frames", "true", "predicted"}  # columns of predictions
 PROBABILITY = "p_"  # prefix of the columns of probabilities
+NO_ARRAY = "iterate over it: each capture is an array [frames, rows, cols]"
 VISIBLE = ("lengths", "rate_hz", "full_scale", "visible")  # fields that a blind corpus has, too
 
 
@@ -136,6 +138,12 @@ class Corpus:
         raise AttributeError(
             f"{name}: a Corpus does not change; with_fields({name}=...) gives another one"
         )
+
+    def __getattr__(self, name: str) -> Any:
+        raise AttributeError(f"X.{name}: a Corpus is no array; {NO_ARRAY}")
+
+    def __array__(self, *_: object, **__: object) -> np.ndarray:
+        raise TypeError(f"captures of different lengths are no array; {NO_ARRAY}")
 
     @classmethod
     def from_captures(

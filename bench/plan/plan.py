@@ -22,6 +22,7 @@ from bench.corpora.corpus import Corpus, reserved_names, untrained_classes
 from bench.corpora.duplicates import excluding_condition, leaked_captures, repeated_groups
 from bench.corpora.library import UNTAUGHT, captures_digest, import_digests, open_corpus
 from bench.errors import InputError
+from bench.features.base import FunctionFeatures
 from bench.ground.typed import quote_value
 from bench.plan.cells import Cell
 from bench.values.result import CAPTURES_TAG, IMPORTS_TAG
@@ -156,6 +157,10 @@ def make_plans(cells: Iterable[Cell], jobs: int | None) -> list[Plan]:
             folds = tuple(make_folds(cell, corpus))
             first_plans[group] = Plan(cell, corpus, folds, *share_cores(jobs, len(folds)))
             _refuse_repeated_captures(first_plans[group])
+        for features in cell.feature_sets().values():
+            if isinstance(features, FunctionFeatures):
+                one_of_each = np.unique(corpus.gestures, return_index=True)[1]
+                features.check_captures(corpus[one_of_each])
         plan = first_plans[group].with_cell(cell)
         if contract.check_training.find_method(estimator):
             gestures = corpus.gestures
@@ -209,6 +214,7 @@ def check_extensions(plan: Plan) -> None:
 def check_system(cell: Cell) -> contract.System:
     """Check the parameters of a system and of its feature sets; return it untrained, not to fit."""
     refuse_long_values(cell)
+    contract.check_methods(cell.model.short_name, cell.untrained_system)
     for part in (cell.untrained_system, *cell.feature_sets().values()):
         contract.check_parameters(part)
     return cell.untrained_system

@@ -93,7 +93,7 @@ class AuditedSystem:
     def fit_new(self, part: Corpus) -> contract.System:
         """Fit a new system to some captures."""
         contract.check_training(self.cell.estimator(), part, part.gestures)
-        return self.cell.estimator().fit(part, part.gestures)
+        return contract.fit_system(self.cell.estimator(), part, part.gestures)
 
     @cached_property
     def first(self) -> contract.System:

@@ -19,6 +19,7 @@ from joblib.externals.loky import ProcessPoolExecutor
 from scipy.stats import binom
 from sklearn.model_selection import KFold
 
+from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.corpora.folder import content_digest, write_folder
 from bench.corpora.library import imported_names, open_corpus
@@ -112,7 +113,7 @@ def predict_folds(cell: Cell, tested: Corpus) -> ExchangedFolds:
         warnings.simplefilter("ignore")
         for train, test in split_captures(corpus):
             part = corpus[train]
-            system = cell.estimator().fit(part, part.gestures)
+            system = contract.fit_system(cell.estimator(), part, part.gestures)
             probabilities.append(mean_probabilities(system, tested[test]))
             labels[test] = probabilities[-1].idxmax(axis=1)
     return ExchangedFolds(labels, probabilities[0])

@@ -38,7 +38,7 @@ class FittedFold:
     def fit_again(self, positions: np.ndarray) -> contract.System:
         """Fit a new system to some of the training captures."""
         part = self.corpus[positions]
-        return self.cell.estimator().fit(part, part.gestures)
+        return contract.fit_system(self.cell.estimator(), part, part.gestures)
 
     def label_unchanged(self) -> pd.DataFrame:
         """Labels of the unchanged test captures, a row each, as in `label_case`."""

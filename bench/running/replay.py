@@ -309,7 +309,7 @@ def learn_stopping_rule(
     instants = decision_instants(replay, int(touch.lengths.max()), rate_hz)
     tables = []
     for number, (inner, judged) in enumerate(split_subjects(part.subjects.astype(str), INNER)):
-        system = make_system().fit(part[inner], part.gestures[inner])
+        system = contract.fit_system(make_system(), part[inner], part.gestures[inner])
         tables.append(replay_captures(system, touch, str(number), judged, instants))
     table = pd.concat(tables, ignore_index=True)
     true = np.searchsorted(classes_of(table), table["true"].to_numpy(dtype=str))

@@ -230,7 +230,8 @@ def test_systems_without_a_mistake_pass(capsys, monkeypatch):
 )
 def test_what_cannot_be_audited_is_one_line_and_exit_code_2(code, fact, capsys):
     Path("own.py").write_text(
-        f"from bench import InputError\nclass Own:\n    fit = predict = None\n    {code}\n"
+        "from bench import InputError\nclass Own:\n    fit = lambda self, X, y: None\n"
+        f"    predict = lambda self, X: None\n    {code}\n"
     )
     assert main(["audit", "model=own.py:Own"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
