@@ -28,10 +28,19 @@ def reading_statistics(corpus: Corpus) -> np.ndarray:
     for i, capture in enumerate(corpus):
         frames = capture.astype(np.float64) / corpus.full_scale
         mean, least = frames.mean(), frames.mean(axis=(1, 2)).min()
-        across, down = mean_gap(frames, 2) + LEVEL, mean_gap(frames, 1) + LEVEL
-        gaps = [across / (mean + LEVEL), down / (mean + LEVEL), across / down]
-        rows[i] = np.log([mean, frames.max(), least, *gaps, (frames == 0).mean()] + LEAST)
+        across, down = mean_gap(frames, 2), mean_gap(frames, 1)
+        zeros = (frames == 0).mean()
+        rows[i] = combine_statistics(mean, frames.max(), least, across, down, zeros)
     return rows
+
+
+def combine_statistics(
+    mean: float, largest: float, least: float, across: float, down: float, zeros: float
+) -> np.ndarray:
+    """The seven numbers from means, extremes and mean differences of neighbours."""
+    across, down = across + LEVEL, down + LEVEL
+    gaps = [across / (mean + LEVEL), down / (mean + LEVEL), across / down]
+    return np.log([mean, largest, least, *gaps, zeros] + LEAST)
 
 
 def mean_gap(frames: np.ndarray, axis: int) -> float:

@@ -13,7 +13,7 @@ int main(void)
         return 2;
     if (touch_label(&t, proba, 0) != TOUCH_EMPTY)
         return 2;
-    const float odd[] = {NAN, INFINITY, -INFINITY, -0.001f, FULL_SCALE * 1.001f, -1e-40f};
+    const float odd[] = {NAN, INFINITY, -INFINITY, -NEGATIVE * 1.001f, FULL_SCALE * 1.001f, -FULL_SCALE};
     for (int n = 0; n < 3000; n++) {
         int bad = 0;
         for (int i = 0; i < TAXELS; i++) {

@@ -9,7 +9,7 @@ import numpy as np
 from sklearn.pipeline import Pipeline
 
 from bench import contract
-from bench.corpora.corpus import SATURATED_ONE_IN
+from bench.corpora.corpus import NEGATIVE_SHARE, SATURATED_ONE_IN
 from bench.corpora.windows import Step, Windows
 from bench.errors import InputError
 from bench.features.jung28 import Jung28
@@ -144,6 +144,7 @@ def _size_defines(recogniser: Recogniser, width: int, longest: int) -> dict[str,
         "FEATURES": width,
         "RATE_HZ": format_float(recogniser.rate_hz),
         "FULL_SCALE": format_float(recogniser.full_scale),
+        "NEGATIVE": format_float(NEGATIVE_SHARE * recogniser.full_scale),
         "CHECKED": min(recogniser.longest, 2 * round(recogniser.rate_hz) + 9),  # by make check
         "LONGEST": longest,
     }
@@ -194,6 +195,7 @@ def _step_defines(steps: list[Step], rate_hz: float) -> dict[str, Any]:
         "SETTLED": max(2, int(np.ceil(SETTLED_S * rate_hz))),
         "REPAIR_STUCK": int("stuck" in kinds),
         "REPAIR_DEAD": int("dead" in kinds),
+        "REPAIR_NOISE": int("noise" in kinds),
         "REPAIR_OFFSET": int("offset" in kinds),
         "SCALE_PEAK": int(any(isinstance(step, Scale) for step in steps)),
     }
@@ -249,6 +251,7 @@ def _watch_defines(
         "TURN": ring * -(-max(ring, settled) // ring),
         "SATURATED": -(-recogniser.grid[0] * recogniser.grid[1] // SATURATED_ONE_IN),
         "LEVEL": format_float(watch.level),
+        "MOST_LOST": int(recogniser.rate_hz),
         "STEPPED": int(longest * steps**2 < BITS32),
         "STEPS": format_float(min(steps, BITS16)),
         "SUM": "uint16_t" if longest * steps < BITS16 else "uint32_t",

@@ -15,7 +15,7 @@ from scipy.special import gammaincinv
 
 from bench.errors import InputError
 from bench.features import touch
-from bench.models.steps import FILL_PASSES
+from bench.models.steps import DENOISED_FRAMES, FILL_PASSES, NOISE_STEPS, QUIET_PART
 from touchbench_chip.classifiers import format_float
 from touchbench_chip.tables import CContents, collect_contents
 
@@ -31,6 +31,7 @@ PUBLIC = (
     "CLASSES",
     "RATE_HZ",
     "FULL_SCALE",
+    "NEGATIVE",
     "STOPPING",
     "THRESHOLD",
     "WATCH",
@@ -62,7 +63,7 @@ COMMENTS = {  # by the first constant of each group
     "WATCH": "An endless stream, 0 for none: parts of captures, frames after which places repeat, "
     "most at full scale.",
     "PASSES": "Rounds in which broken taxels are filled from their neighbours; labels that are "
-    "remembered.",
+    "remembered; against noise, frames of a mean, steps, and quieter rows and columns.",
     "SIGNALS": "Features of touch: signals of a frame, what is taken of each, and of the taxels in "
     "order of size.",
     "NAMES": "Classes, in the order of probabilities.",
@@ -71,7 +72,13 @@ PREFIX = "touch"  # of all public names
 PUBLIC_NAME = re.compile(rf"((?<![0-9A-Za-z_])|(?<=\\n))({PREFIX}|{PREFIX.upper()})_")
 STANDARD_TYPES = r"u?int\w*|s?size|ptrdiff|w?char(16|32)?|wint|float|double|time|clock"  # before _t
 FIXED_FILES = ("main.c", "Makefile", "cortex_m4.c", "cortex_m4.ld")
-REMEMBERED = {"PASSES": str(FILL_PASSES), "REMEMBERED": "32"}
+REMEMBERED = {
+    "PASSES": str(FILL_PASSES),
+    "REMEMBERED": "32",
+    "DENOISED": str(DENOISED_FRAMES),
+    "NOISE_STEPS": str(NOISE_STEPS),
+    "QUIET": f"((ROWS + COLS - 1) / {QUIET_PART})",
+}
 CONSTANTS = REMEMBERED | {  # of the feature set touch
     "SIGNALS": str(len(touch.SIGNALS)),
     "STATISTICS": str(len(touch.STATISTICS)),
@@ -231,6 +238,13 @@ def _write_state(chip: CContents) -> str:
             f"float sound[{taxels}], mean_around[{taxels}];  "
             "/* which taxels are, and what replaces others */",
         ]
+    if d["REPAIR_NOISE"] == "1":
+        members += [
+            f"float recent[{DENOISED_FRAMES}][{taxels}]; int newest, held;  /* frames, a ring */",
+            f"float mean[{taxels}], variance[{taxels}];  /* of them */",
+            f"float steps[{NOISE_STEPS}][{d['ROWS']} + {d['COLS']}]; int newest_step, held_steps;  "
+            "/* of rows and columns, a ring */",
+        ]
     if d["REPAIR_OFFSET"] == "1":
         members.append(f"float offset[{taxels}];  /* least reading so far */")
     if d["SCALE_PEAK"] == "1":
@@ -264,14 +278,16 @@ def _write_watch_state(chip: CContents) -> str:
     if chip.watch is None:
         return ""
     members = (
-        "touch_t now;  /* the last frames, and what features and classifier work in */",
         "float level;  /* the threshold */",
         "uint32_t seen;  /* frames; modulo 2^32 */",
-        "touch_counts_t counts; int is_refused, is_saturated;  "
-        "/* of the last decision, of the last frame */",
+        "touch_counts_t counts; unsigned status, of_frame;  "
+        "/* all reasons; those of the last frame by itself */",
+        "touch_health_t health;",
+        "touch_t now;  /* the last frames, and what features and classifier work in */",
+        "int is_refused;  /* of the last decision */",
         *(line.format_map(chip.defines) for line in chip.watch.state),
     )
-    return _read_code("counts.h") + _write_struct("touch_watch_t", members)
+    return _fill_code("counts.h", chip.defines) + _write_struct("touch_watch_t", members)
 
 
 def _touch_state(d: dict[str, str]) -> list[str]:
@@ -283,7 +299,7 @@ def _touch_state(d: dict[str, str]) -> list[str]:
     members = [
         f"float before[{taxels}];  /* the last one */",
         f"float signals[{ring}][{len(touch.SIGNALS)}];  /* of the last window, a ring */",
-        f"touch_part_t parts[{4 if early else 2}];  /* {halves} */",
+        f"touch_part_t parts[{parts}];  /* {halves} */",
         f"float sum[{classes}]; int windows;  /* of decisions */",
     ]
     if early:
@@ -378,9 +394,8 @@ def _write_array(name: str, values: np.ndarray) -> str:
 
 
 def _write_code(chip: CContents) -> str:
-    includes = (
-        '#include "touch.h"\n\n#include <math.h>\n#include <string.h>\n\n#include "tables.h"\n'
-    )
+    headers = ('"touch.h"\n', "<math.h>", "<stddef.h>", "<string.h>\n", '"tables.h"\n')
+    includes = "".join(f"#include {header}\n" for header in headers)
     pieces = [
         f"{TOP}\n{includes}",
         _read_code("frame.c"),
@@ -396,5 +411,5 @@ def _write_code(chip: CContents) -> str:
         pieces.append(f"{comment}static void {function}(touch_t *t, float *proba)\n{{\n{body}}}\n")
     pieces += [_read_code("api.c"), _read_code("look.c")]
     if chip.watch:
-        pieces += [chip.watch.code, _read_code("watch.c")]
+        pieces += [_read_code("status.c"), chip.watch.code, _read_code("watch.c")]
     return "\n".join(pieces)

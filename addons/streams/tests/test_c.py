@@ -127,7 +127,7 @@ def fit_watcher(name):
     make = {
         "reflex": lambda: Reflex(units=6, copies=1),
         **dict.fromkeys(IN_STEPS, lambda: Recipe(lda(TouchFeatures()), window=0.4)),
-    }.get(name, lambda: Recipe(lda(TouchFeatures()), window=1.0, repair=("stuck", "dead")))
+    }.get(name, lambda: Recipe(lda(TouchFeatures()), window=1.0, repair=("stuck", "dead", "noise")))
     recogniser = fit_recogniser(make(), corpus)
     watcher = learn_watcher(
         DETECTORS.get(name, Frames()), make, recogniser.estimator, streams, 5.0
@@ -365,7 +365,7 @@ def test_what_is_no_frame_changes_nothing(in_c):
     expected = watched.start()(frames)
     watched.start()
     first = watched(frames[:1000])
-    for odd in (np.nan, np.inf, -1, 1023.5):
+    for odd in (np.nan, np.inf, -21, 1023.5):
         wrong = frames[:1].copy()
         wrong[0, 7, 7] = odd
         places = (values.ctypes.data_as(ctypes.c_void_p) for values in (wrong, np.zeros(2, NEWS)))

@@ -128,14 +128,16 @@ class ScriptedWatcher:
     def status(self):
         return self.statuses[self.seen - 1]
 
+    def miss(self, frames):
+        self.seen += frames
+        return []
+
     def push(self, frame):
         self.seen += 1
         return [] if self.seen % 4 else [Event(self.seen, "a", "a", 0.5, self.seen)]
 
 
-SHAKY = (
-    ["ok"] * 10 + ["refused"] * 400 + ["ok"] * 10 + ["refused"] * 600 + ["ok"] * 501
-)  # 100 frames a second
+SHAKY = [0] * 10 + [8] * 400 + [0] * 10 + [8] * 600 + [0] * 501  # 100 frames a second
 SKIPPED = [*[GOOD] * 3, "0,9,9,9,9,nan", "9" * 400, *[SHORT] * 8, GOOD, SHORT, *[GOOD] * 4]
 BROKEN = [*[GOOD] * 4, *[SHORT] * 11, *[GOOD] * 4]
 ENDED = "{},ended,a,0.500".format
@@ -147,31 +149,31 @@ ENDED = "{},ended,a,0.500".format
         (
             SKIPPED,
             0,
-            (40, 80),
-            ["line 4: 'nan' is not a decimal number", "of 8 frames: 11 lines skipped"],
+            (160,),
+            ["line 4: 'nan' is not a decimal number", "of 8 frames: 11 lines lost"],
         ),
         (BROKEN, 2, (40,), ["line 5: 3 values", "bench: line 15: 3 values instead of 6"]),
         (
             [GOOD] * len(SHAKY),
             0,
             range(40, 15_201, 40),
-            ["9200 ms: ", "15200 ms: ", "of 1521 frames: 1000 refused"],
+            ["9200 ms: noise: readings", "15200 ms: frames are", "of 1521 frames: 1000 noise"],
         ),
     ],
     ids=[
-        "bad lines are skipped and counted",
+        "bad lines are lost frames and counted",
         "many in a row end it",
         "a status is told when it has lasted",
     ],
 )
 def test_an_endless_stream(lines, code, reported, told, streamed):
     system = make_recogniser()
-    system.watcher = ScriptedWatcher(SHAKY if len(lines) > 99 else ["ok"] * 20)
+    system.watcher = ScriptedWatcher(SHAKY if len(lines) > 99 else [0] * 20)
     ended, rows, errors = streamed(system, lines)
     assert (ended, rows[1:]) == (
         code,
         [ENDED(ms) for ms in reported],
-    )  # as if bad lines had not been there
+    )
     assert len(errors) == 1 + len(told) and all(map(str.startswith, errors[1:], told))
 
 
@@ -206,10 +208,11 @@ FRAMES = (
     b"1 2 3 4|1,2,3,4|1 , 2,3\t,4|  1\t2  3 4 \t|1 2 3 4\r|1. .5 2e2 +3E-1|-0 0.0 1000 1e3"
     b"|00000000000000000000000000000001 2 3 4"  # 32 characters
     b"|1 2 3 1000.00001|1 2 3 -1e-60"  # 1000 and 0 in single precision
+    b"|1 2 3 -1|1 2 3 -19.9"  # taken for 0
 )
 NO_FRAMES = (
     b"000000000000000000000000000000001 2 3 4|1,2 3,4|1 2,3 4|1,2,3,4,|,1,2,3,4|1,,2,3|1,,2,3,4"
-    b"|1;2;3;4|,|1 2 3|1 2 3 4 5|0x1 2 3 4|1 2 3 0x1p3|nan 2 3 4|inf 2 3 4|1_0 2 3 4|1 2 3 -1"
+    b"|1;2;3;4|,|1 2 3|1 2 3 4 5|0x1 2 3 4|1 2 3 0x1p3|nan 2 3 4|inf 2 3 4|1_0 2 3 4|1 2 3 -20.1"
     b"|1 2 3 1001|1 2 3 1e39|1 2 3 1e400|1 2 3 4\0|\0|1 2\0 3 4|1\f2 3 4|\f|\v|1 2 3 4\f"
     b"|1\r2 3 4|1 2 3 4\r\r|\xef\xbb\xbf1 2 3 4|1 2 3 1e|1 2 3 ."
     b"|1 2 3 1.2.3|1 2 3 --4|1 2 3 4d"

@@ -15,3 +15,18 @@ int stream(const float *frames, int n, news_t *news)
 }
 int set(int point) { return touch_set_threshold(&w, point); }
 int status(touch_counts_t *counts) { return touch_status(&w, counts); }
+int missed(uint32_t n, news_t *news)
+{
+    news->news = touch_missed(&w, n, &news->event);
+    news->seen = w.seen;
+    return news->news;
+}
+/* The status after each frame; refused frames are taken, too. */
+void statuses(const float *frames, int n, int *status)
+{
+    touch_event_t event;
+    for (int i = 0; i < n; i++) {
+        touch_watch(&w, frames + (long)i * TAXELS, &event);
+        status[i] = touch_status(&w, 0);
+    }
+}

@@ -5,18 +5,19 @@ from __future__ import annotations
 import csv
 import re
 import sys
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 import pandas as pd
 
-from bench.corpora.corpus import Corpus
+from bench.corpora.corpus import NEGATIVE_SHARE, Corpus
 from bench.corpora.read.limits import checked_values, highest_value, quote_text
 from bench.errors import InputError
 from bench.running.replay import GROWTH
 from bench.values.stopping import NO_SAVING
+from touchbench_streams.detectors.status import REASONS
 
 if TYPE_CHECKING:
     from bench.running.saved import Recogniser
@@ -25,12 +26,17 @@ if TYPE_CHECKING:
 CHARACTERS = 32  # most of a number; a line has at most as many per channel, its end included
 MOST_BAD_LINES = 10  # in a row; more come from another format or a broken sensor
 STATUS_S = 5.0  # that a new status must last before it is printed
-STATUS_MESSAGES = {
-    "ok": "frames are as in training again",
-    "refused": "touches may be missed: no taxel changes, or frames differ from training or look "
-    "like a broken sensor",
-    "saturated": "a tenth of the taxels or more are at full scale",
-}
+STATUS_MESSAGES = (  # of the reasons, in the order of their bits
+    "a reading is not a number",
+    "a reading is out of range",
+    "taxels are at full scale, or touches are cut off below it",
+    "readings change more than in training, or all swing together",
+    "some taxels never change; they are dead or short-circuited",
+    "frames repeat, or come at another rate than in training",
+    "readings without touch are higher or lower than in training",
+    "readings without touch change less than in training",
+    "touches are unlike those of training",
+)
 NUMBER = re.compile(rb"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 
@@ -94,45 +100,48 @@ def report_touches_live(recogniser: Recogniser, watcher: TickWatcher) -> int:
     )
     stream = watcher.open_stream(recogniser.grid, recogniser.rate_hz, full_scale)
     output = _start_csv("ms", "news", "label", "confidence")
-    is_touched, seen, skipped, skipped_in_a_row = False, 0, 0, 0
-    printed_status, frames_since_change = "ok", 0
-    counts = dict.fromkeys(STATUS_MESSAGES, 0)
+    is_touched, taken, skipped, skipped_in_a_row = False, 0, 0, 0
+    printed_status, frames_since_change = 0, 0
+    counts = Counter[str]()
     for number, line in read_lines(sys.stdin.buffer, rows * cols):
         try:
-            frame = _parse_frame(line, number, rows * cols, full_scale)
+            frame = parse_frame(line, number, rows * cols, full_scale)
         except InputError as e:
             skipped, skipped_in_a_row = skipped + 1, skipped_in_a_row + 1
             if skipped_in_a_row > MOST_BAD_LINES:
                 raise
             if skipped == 1:
                 print(
-                    f"{e}; this line is skipped, as up to {MOST_BAD_LINES} in a row are",
+                    f"{e}; this line counts as a lost frame, as up to {MOST_BAD_LINES} in a row do",
                     file=sys.stderr,
                 )
-            continue
-        if frame is None:
-            continue
-        seen, skipped_in_a_row = seen + 1, 0
-        (values,) = checked_values(frame.reshape(1, rows, cols), full_scale, "input", "frame")
-        for event in stream.push(values):
+            events = stream.miss(1)
+        else:
+            if frame is None:
+                continue
+            taken, skipped_in_a_row = taken + 1, 0
+            (values,) = checked_values(frame.reshape(1, rows, cols), full_scale, "input", "frame")
+            events = stream.push(values)
+        for event in events:
             news = "changed" if is_touched else "reported"
             is_touched = event.end is None
             if not is_touched:
                 news = "ended"
-            ms, confidence = f"{seen * frame_ms:.0f}", f"{event.confidence:.3f}"
+            ms, confidence = f"{stream.seen * frame_ms:.0f}", f"{event.confidence:.3f}"
             output.writerow([ms, news, event.label, confidence])
             sys.stdout.flush()
-        counts[stream.status] += 1
+        reasons = [k for k in range(len(REASONS)) if stream.status >> k & 1]
+        counts.update(REASONS[k] for k in reasons)
         frames_since_change = frames_since_change + 1 if stream.status != printed_status else 0
         if frames_since_change * frame_ms >= 1000 * STATUS_S:
             printed_status, frames_since_change = stream.status, 0
-            message = STATUS_MESSAGES[printed_status]
-            print(f"{seen * frame_ms:.0f} ms: {message}", file=sys.stderr)
-    del counts["ok"]
-    counts["lines skipped"] = skipped
-    if any(counts.values()):
+            messages = [f"{REASONS[k]}: {STATUS_MESSAGES[k]}" for k in reasons]
+            words = "; ".join(messages) or "frames are as in training again"
+            print(f"{stream.seen * frame_ms:.0f} ms: {words}", file=sys.stderr)
+    counts["lines lost"] = skipped
+    if counts.total():
         words = ", ".join(f"{count} {name}" for name, count in counts.items() if count)
-        print(f"of {seen} frames: {words}", file=sys.stderr)
+        print(f"of {taken} frames: {words}", file=sys.stderr)
     return 0
 
 
@@ -176,7 +185,7 @@ def read_frames(stream: BinaryIO, channels: int, full_scale: float) -> Iterator[
     a capture. Lines end with LF or CR LF. The C of ``bench export`` reads the same.
     """
     for number, line in read_lines(stream, channels):
-        yield _parse_frame(line, number, channels, full_scale)
+        yield parse_frame(line, number, channels, full_scale)
 
 
 def read_lines(stream: BinaryIO, channels: int) -> Iterator[tuple[int, bytes]]:
@@ -189,7 +198,7 @@ def read_lines(stream: BinaryIO, channels: int) -> Iterator[tuple[int, bytes]]:
             line = stream.readline(most + 1)
 
 
-def _parse_frame(line: bytes, number: int, channels: int, full_scale: float) -> np.ndarray | None:
+def parse_frame(line: bytes, number: int, channels: int, full_scale: float) -> np.ndarray | None:
     """The frame in a line, whose number is used in messages; None for an empty line."""
     most = channels * CHARACTERS
     if len(line) > most:
@@ -212,6 +221,7 @@ def _parse_frame(line: bytes, number: int, channels: int, full_scale: float) -> 
         raise InputError(f"line {number}: {word} is not a decimal number; send sensor values")
     with np.errstate(over="ignore"):
         values = np.array(cells, dtype=np.float64).astype(np.float32).astype(np.float64)
+    values[(values < 0) & (values >= -NEGATIVE_SHARE * full_scale)] = 0
     is_valid = (values >= 0) & (values <= highest_value(full_scale))
     if not is_valid.all():
         raise InputError(

@@ -41,11 +41,6 @@ class Recent:
         self.frames.append(frame)
         self.seen += 1
 
-    @property
-    def is_saturated(self) -> bool:
-        """True if many taxels of the last frame are at full scale."""
-        return bool(find_saturated(self.frames[-1][None], self.full_scale)[0])
-
     def as_recording(self, apply_steps: Callable[[Corpus], Corpus]) -> Corpus:
         """The kept frames after steps, to which older frames contribute their extremes."""
         older = min(self.seen - len(self.frames), max(2, int(np.ceil(SETTLED_S * self.rate_hz))))

@@ -77,11 +77,11 @@ static int earlier(touch_t *t, int label)
 #error "build touch.c without -ffast-math (-Ofast, -ffinite-math-only): it would take NaN for a reading"
 #endif
 
-/* Whether readings lie within 0 and the full scale. */
+/* Whether readings lie within 0, or little below, and the full scale. */
 static int is_frame(const float *frame)
 {
     for (int i = 0; i < TAXELS; i++)
-        if (!(frame[i] >= 0 && frame[i] <= FULL_SCALE)) /* not a number is neither */
+        if (!(frame[i] >= -NEGATIVE && frame[i] <= FULL_SCALE)) /* not a number is neither */
             return 0;
     return 1;
 }
@@ -96,7 +96,7 @@ int touch_push(touch_t *t, const float *frame)
     take(t, frame);
 #else
     for (int i = 0; i < TAXELS; i++)
-        t->frame[i] = frame[i];
+        t->frame[i] = fmaxf(frame[i], 0);
     prepared(t, t->frame);
 #endif
 #if CONVOLVED

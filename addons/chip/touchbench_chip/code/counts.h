@@ -1,7 +1,21 @@
 
-/* Frames since touch_watch_init, of them those of refused decisions, a hop or tick each, and saturated ones; modulo
-   2^32. */
+#define TOUCH_REASONS 9 /* bits of touch_status */
+
+/* Since touch_watch_init, modulo 2^32: frames taken, frames that touch_missed was told of, frames with readings below 0
+   that were taken for 0; and for each bit of touch_status, frames after which it was set. Refused frames have a bit,
+   and are not among those taken. */
 typedef struct {
-    uint32_t frames, refused, saturated;
+    uint32_t frames, missed, clamped, reasons[TOUCH_REASONS];
 } touch_counts_t;
+
+/* What touch_status is found from: the last frame, which taxels changed in a block of touches, sums over a tick, over
+   ticks of background and over touches. */
+typedef struct {
+    float last[$TAXELS], step, tick[$QUIETS], quiet[$QUIETS], touched[$TOUCHEDS];
+    touch_look_t look;
+    uint32_t at_largest;
+    uint8_t moved[($TAXELS + 7) / 8];
+    int repeated, tick_frames, quiet_ticks, touches, since, follows, is_lasting, is_new;
+    unsigned quiet_status, touch_status;
+} touch_health_t;
 

@@ -8,19 +8,18 @@ int touch_look_init(touch_look_t *look)
     return 0;
 }
 
-int touch_look(touch_look_t *look, const float *frame)
+static void join_look(touch_look_t *look, const float *frame)
 {
-    if (!look || !frame || !is_frame(frame))
-        return TOUCH_BAD;
     float mean = 0, across = 0, down = 0, zeros = 0;
     for (int i = 0; i < TAXELS; i++) {
-        mean += frame[i];
-        look->largest = fmaxf(look->largest, frame[i]);
-        zeros += frame[i] == 0;
+        float value = fmaxf(frame[i], 0);
+        mean += value;
+        look->largest = fmaxf(look->largest, value);
+        zeros += value == 0;
         if (i % COLS)
-            across += fabsf(frame[i] - frame[i - 1]);
+            across += fabsf(value - fmaxf(frame[i - 1], 0));
         if (i >= COLS)
-            down += fabsf(frame[i] - frame[i - COLS]);
+            down += fabsf(value - fmaxf(frame[i - COLS], 0));
     }
     mean /= TAXELS;
     look->least = look->frames ? fminf(look->least, mean) : mean;
@@ -30,7 +29,30 @@ int touch_look(touch_look_t *look, const float *frame)
     look->zeros += weight * (zeros / TAXELS - look->zeros);
     look->across += weight * (across / (COLS > 1 ? ROWS * (COLS - 1) : 1) - look->across);
     look->down += weight * (down / (ROWS > 1 ? COLS * (ROWS - 1) : 1) - look->down);
+}
+
+int touch_look(touch_look_t *look, const float *frame)
+{
+    if (!look || !frame || !is_frame(frame))
+        return TOUCH_BAD;
+    join_look(look, frame);
     return 0;
+}
+
+/* Mean, largest, least mean of a frame, neighbours and zeros, each above 0. */
+static void look_numbers(const touch_look_t *look, float *numbers)
+{
+    const float level = 1e-4f, across = look->across / FULL_SCALE + level, down = look->down / FULL_SCALE + level;
+    const float mean = look->mean / FULL_SCALE + level;
+    numbers[0] = mean;
+    numbers[1] = look->largest / FULL_SCALE + level;
+    numbers[2] = look->least / FULL_SCALE + level;
+    numbers[3] = across / mean;
+    numbers[4] = down / mean;
+    numbers[5] = across / down;
+    for (int k = 3; k < 6; k++)
+        numbers[k] += level;
+    numbers[6] = look->zeros + 1;
 }
 
 int touch_unlike(const touch_look_t *look)
@@ -39,10 +61,8 @@ int touch_unlike(const touch_look_t *look)
         return TOUCH_BAD;
     if (!look->frames)
         return TOUCH_EMPTY;
-    const float level = 1e-4f, across = look->across / FULL_SCALE + level, down = look->down / FULL_SCALE + level;
-    const float mean = look->mean / FULL_SCALE + level;
-    const float numbers[7] = {mean, look->largest / FULL_SCALE + level, look->least / FULL_SCALE + level,
-                              across / mean + level, down / mean + level, across / down + level, look->zeros + 1};
+    float numbers[7];
+    look_numbers(look, numbers);
     for (int i = 0; i < 7; i++)
         if (numbers[i] < usual[i] || numbers[i] > usual[7 + i])
             return 1;

@@ -3,9 +3,17 @@
 #define TOUCH_REPORTED 1 /* news: an event is reported, its label is another one, it is over */
 #define TOUCH_CHANGED 2
 #define TOUCH_ENDED 3
-#define TOUCH_OK 0        /* status */
-#define TOUCH_REFUSED 1   /* the last frames are unlike training */
-#define TOUCH_SATURATED 2 /* a tenth of the taxels, or more, are at full scale in the last frame */
+
+/* Reasons not to trust the watch now, bits of touch_status; 0 for none. "Training" is the range of training streams. */
+#define TOUCH_NOT_A_NUMBER 1 /* the last frame was refused: a reading that is not a number */
+#define TOUCH_OUT_OF_RANGE 2 /* the last frame was refused: a reading above full scale, or below -TOUCH_NEGATIVE */
+#define TOUCH_SATURATED 4    /* a tenth of the taxels at full scale in the last frame, or touches cut off below it */
+#define TOUCH_NOISE 8        /* readings change more than in training, or taxels swing together */
+#define TOUCH_STUCK 16       /* taxels that never change, dead or short-circuited, in the last touches */
+#define TOUCH_RATE 32        /* frames repeat, or follow one another too fast or too slowly */
+#define TOUCH_OFFSET 64      /* readings without touch are higher or lower than in training */
+#define TOUCH_GAIN 128       /* readings without touch change less than in training */
+#define TOUCH_UNLIKE 256     /* the last touches are unlike training: inverted, other order of taxels */
 
 /* An event: its label so far, mean probability of the label, and frames seen when it was reported and when it ended.
    Frames are counted from touch_watch_init, modulo 2^32; end is 0 while the touch lasts. */

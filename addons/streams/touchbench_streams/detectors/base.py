@@ -66,7 +66,7 @@ class DetectorC:
             touch_event_t *event)``. It takes a frame that was checked and counted, and returns
             news, with details in ``event``.
         state: members of ``touch_watch_t`` besides the common ones (``now``, the state of a
-            capture; ``level``; ``counts``, ``is_refused``, ``is_saturated``; ``seen``, frames); C,
+            capture; ``level``; ``counts``, ``health``, ``is_refused``; ``seen``, frames); C,
             with names of constants in braces.
         constants: groups of constants: a comment, and numbers or C by name.
         frames: least number of frames whose signals are kept in ``now.signals``.

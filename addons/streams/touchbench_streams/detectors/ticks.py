@@ -15,12 +15,14 @@ from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 from bench.models.recipe import apply_steps, split_causal_steps
 from bench.models.sizes import count_parameters
+from bench.models.steps import STEP_MEMORY
 from touchbench_streams.detectors.base import UNKNOWN, DetectorC, Event
 from touchbench_streams.detectors.detector import (
     Detector,
     average_into_ticks,
     choose_operating_points,
     count_frames_per_tick,
+    held_out_units,
     read_c_beside,
     run_rules,
     score_levels,
@@ -33,6 +35,16 @@ from touchbench_streams.detectors.names import (
     name_probabilities,
 )
 from touchbench_streams.detectors.spans import GROWTH, Span, Touches, average_blocks, find_spans
+from touchbench_streams.detectors.status import (
+    NO_LIMITS,
+    NOISE,
+    SATURATED,
+    Health,
+    Limits,
+    check_frame,
+    learn_limits,
+    watch_health,
+)
 from touchbench_streams.events import report_table
 from touchbench_streams.recent import Recent, find_saturated
 from touchbench_streams.recordings import Recordings
@@ -73,7 +85,12 @@ def learn_watcher(
     fitted = copy(detector).fit(signals, ticks)
     fitted = fitted.fit_disturbed(others, stepped, level, false_alarms)
     points = choose_operating_points(sweep, level)
-    return TickWatcher(system, names, fitted, level, count, points=points), sweep
+    signs = [
+        run_rules(one.rules(level), series) for one, series in zip(others, evidence, strict=True)
+    ]
+    limits = learn_limits(recordings.corpus, signs, count, held_out_units(recordings))
+    watcher = TickWatcher(system, names, fitted, level, count, points=points, limits=limits)
+    return watcher, sweep
 
 
 @dataclass(eq=False)
@@ -114,7 +131,8 @@ class TickWatcher:
     @property
     def numbers(self) -> int:
         """Count of learned numbers besides those of the system."""
-        return self.detector.numbers + count_parameters(self.names) - count_parameters(self.system)
+        namer, system = (split_causal_steps(one)[1] for one in (self.names, self.system))
+        return self.detector.numbers + count_parameters(namer) - count_parameters(system)
 
     @property
     def chosen(self) -> dict[str, object]:
@@ -149,6 +167,8 @@ class TickWatcher:
             "int within, length, first, named, sure, after;  "
             "/* frames of the tick; ticks of the part and its names */",
             "int is_reported, label;  /* of the touch that lasts */",
+            "int is_over, is_new, is_sure, is_lasting, is_grown;  /* what the last tick shows */",
+            "int stage, step, spent, until, odd;  /* work done on it; its frames */",
             "uint32_t reported, end;  /* frames; modulo 2^32 */",
             "float due, weight, sum[{NAMED}], last[{NAMED}];  "
             "/* next name; of the names so far; of that at the end */",
@@ -156,6 +176,7 @@ class TickWatcher:
         if self.count > 1:
             state = ("float tick[{TAXELS}];  /* sum of its frames */", *state)
         classes_of_names = np.searchsorted(classes, namer.classes_.astype(str)).astype(np.int8)
+        limits, limit_arrays = self.limits.in_c()
         return replace(
             of_detector,
             code=f"{read_c_beside(__file__)}\n{of_detector.code}",
@@ -190,6 +211,7 @@ class TickWatcher:
         if y is not None:
             is_named = np.isin(y, self.names.classes_)  # background is not
             captures, y = captures[is_named], y[is_named]
+        captures = apply_steps(captures, split_causal_steps(self.system)[0])[0]
         return replace(self, system=system, names=change(self.names, captures, y))
 
     def apply_frame_steps(self, recordings: Corpus) -> Corpus:
@@ -205,15 +227,23 @@ class TickWatcher:
             evidence.append(self.detector.evidence(signals))
         return evidence
 
-    def count_refused(self, recordings: Corpus, evidence: list[np.ndarray]) -> np.ndarray:
-        """Count saturated frames and those whose last tick is refused, int64 [recordings]."""
-        counts = []
+    def find_status(self, recordings: Corpus, evidence: list[np.ndarray]) -> list[np.ndarray]:
+        """Bits of the status after each frame of each recording, as if frames came one by one."""
+        found = []
         for frames, series in zip(recordings, evidence, strict=True):
-            tick = np.arange(1, len(frames) + 1) // self.count - 1  # the last complete one
-            is_refused = (tick >= 0) & self.detector.find_refused(series)[tick]
+            signs = run_rules(self.detector.rules(self.level), series)
+            health = Health(self.limits, recordings.full_scale)
+            of_ticks, _ = watch_health(health, frames, signs, self.count)
+            of_ticks |= NOISE * self.detector.find_refused(series)
+            tick = np.arange(1, len(frames) + 1) // self.count  # complete ones
             is_saturated = find_saturated(frames, recordings.full_scale)
-            counts.append((is_refused | is_saturated).sum())
-        return np.array(counts, dtype=np.int64)
+            found.append(np.append(0, of_ticks)[tick] | SATURATED * is_saturated)
+        return found
+
+    def count_refused(self, recordings: Corpus, evidence: list[np.ndarray]) -> np.ndarray:
+        """Count frames after which the status has a reason, int64 [recordings]."""
+        status = self.find_status(recordings, evidence)
+        return np.array([np.count_nonzero(one) for one in status], dtype=np.int64)
 
     def sweep_recordings(self, recordings: Recordings, evidence: list[np.ndarray]) -> pd.DataFrame:
         """Count hits, false alarms and reports at all levels, by offset from the learned one."""
@@ -290,13 +320,23 @@ class TickStream:
     def __init__(
         self, watcher: TickWatcher, grid: tuple[int, int], rate_hz: float, full_scale: float
     ) -> None:
+        self.watcher, self.sensor = watcher, (grid, rate_hz, full_scale)
+        self.health = Health(watcher.limits, full_scale)
+        self.of_frame = 0  # status of the last frame by itself
+        self.begun = 0  # frames before the stream began anew
+        self._begin()
+
+    def _begin(self) -> None:
+        """Begin, or begin anew."""
+        watcher, (grid, rate_hz, full_scale) = self.watcher, self.sensor
         longest = longest_part(rate_hz, watcher.count)
-        self.watcher, self.touches = watcher, Touches(watcher.count, longest)
+        self.touches = Touches(watcher.count, longest)
         self.signals, self.rules = watcher.detector.signals(), watcher.detector.rules(watcher.level)
         self.ring: deque[np.ndarray] = deque(maxlen=watcher.detector.memory)
         capacity = (max(longest, watcher.detector.latest + 1) + 1) * watcher.count
-        self.recent = Recent(capacity, grid, rate_hz, full_scale)
+        self.recent = Recent(capacity + STEP_MEMORY, grid, rate_hz, full_scale)
         self.is_refused = False
+        self.news: list[Event] = []  # of the last tick
         self._reset_touch()
 
     def _reset_touch(self) -> None:
@@ -365,7 +405,9 @@ class TickStream:
         self.ring.append(self.signals.step(tick))
         evidence = self.watcher.detector.evidence(np.stack(self.ring))[-1:]
         self.is_refused = bool(self.watcher.detector.find_refused(evidence)[0])
-        ended = self.touches.step(self.rules.step(evidence[0]))
+        sign = self.rules.step(evidence[0])
+        self.health.finish_tick(sign.since, sign.report)
+        ended = self.touches.step(sign)
         news = []
         if ended is not None and self.event is not None:
             self._add_names(ended, recording)
@@ -383,6 +425,12 @@ class TickStream:
             if previous is None or previous.label != label:
                 news.append(self.event)
         return news
+
+    def _label_at_end(self) -> tuple[str, float]:
+        """Label and confidence with the name at the end."""
+        last_sum, last_weight = self.last_name
+        mean = (self.sum + last_sum) / (self.weight + last_weight)
+        return self.watcher.choose_label(mean)
 
     def _add_names(self, span: Span, recording: Corpus) -> None:
         """Add the names of a touch since the last tick."""

@@ -1,0 +1,111 @@
+/* Whether to trust the sensor: numbers of background and of touches, compared with their range in training. */
+
+enum { REPEATS = 4, TOUCH_REPEATS = QUIETS + 8 };
+
+/* Reasons from the means of a block. Repeated frames explain all others; noise explains turns. */
+static unsigned judge_block(const float *means, int first, int count)
+{
+    unsigned status = 0;
+    for (int k = first; k < first + count; k++) {
+        float mean = means[k - first];
+        if (mean < status_low[k]) {
+            status |= (unsigned)status_below[k];
+        } else if (mean > status_high[k]) {
+            status |= (unsigned)status_above[k];
+            if (k == REPEATS || k == TOUCH_REPEATS)
+                return TOUCH_RATE;
+        }
+    }
+    return status & TOUCH_NOISE ? status & ~(unsigned)TOUCH_RATE : status;
+}
+
+/* A frame joins the numbers of its tick, and of the touch that lasts; one without a previous frame is only kept. */
+static void examine_frame(touch_health_t *h, const float *frame)
+{
+    float sum = 0, moved = 0, step = 0, top = 0;
+    uint32_t tops = 0;
+    for (int i = 0; i < TAXELS; i++) {
+        float value = fmaxf(frame[i], 0), change = value - h->last[i];
+        if (h->follows && change != 0)
+            h->moved[i / 8] |= (uint8_t)(1u << i % 8);
+        h->last[i] = value;
+        sum += value;
+        moved += fabsf(change);
+        step += change;
+        tops = value > top ? 1 : tops + (value == top);
+        top = fmaxf(top, value);
+    }
+    if (!h->follows) {
+        h->follows = 1;
+        h->step = 0;
+        return;
+    }
+    int repeats = moved == 0 && sum > 0;
+    h->tick[0] += sum / TAXELS / FULL_SCALE;
+    h->tick[1] += moved / TAXELS / FULL_SCALE;
+    h->tick[2] += fabsf(step) / TAXELS / FULL_SCALE;
+    h->tick[3] += step * h->step < 0;
+    h->tick[4] += (float)repeats;
+    h->step = step;
+    h->tick_frames++;
+    if (!h->is_lasting)
+        return;
+    h->at_largest = top > h->look.largest ? tops : h->at_largest + (top == h->look.largest ? tops : 0);
+    h->repeated += repeats;
+    join_look(&h->look, frame);
+}
+
+/* A touch joins the numbers of its block, which may be the last of the block. */
+static void finish_touch(touch_health_t *h)
+{
+    float numbers[7];
+    look_numbers(&h->look, numbers);
+    for (int k = 0; k < 7; k++)
+        h->touched[k] += logf(numbers[k]);
+    h->touched[7] += logf((float)h->at_largest / (float)h->look.frames);
+    h->touched[8] += (float)h->repeated / (float)h->look.frames;
+    if (++h->touches < TOUCHES)
+        return;
+    for (int k = 0; k < TOUCHEDS; k++)
+        h->touched[k] /= TOUCHES;
+    h->touched[TOUCHEDS - 1] = 0;
+    for (int i = 0; i < TAXELS; i++)
+        h->touched[TOUCHEDS - 1] += !(h->moved[i / 8] >> i % 8 & 1);
+    h->touch_status = judge_block(h->touched, QUIETS, TOUCHEDS);
+    memset(h->touched, 0, sizeof h->touched);
+    memset(h->moved, 0, sizeof h->moved);
+    h->touches = 0;
+}
+
+/* The end of a tick, of which the detector has found h->since and h->is_new. */
+static void finish_tick(touch_health_t *h)
+{
+    if (h->is_lasting && (h->is_new || h->since <= 1)) {
+        h->is_lasting = 0;
+        if (h->look.frames)
+            finish_touch(h);
+    }
+    int is_quiet = (!h->is_lasting && !h->since) || h->since > LONGEST_TICKS;
+    if (h->is_new) {
+        h->is_lasting = 1;
+        h->at_largest = 0;
+        h->repeated = 0;
+        touch_look_init(&h->look);
+    }
+    if (is_quiet && h->tick_frames) {
+        for (int k = 0; k < QUIETS; k++) {
+            float mean = h->tick[k] / (float)h->tick_frames;
+            h->quiet[k] += k < 3 ? logf(mean + SLIGHT) : mean;
+        }
+        h->quiet_ticks++;
+    }
+    memset(h->tick, 0, sizeof h->tick);
+    h->tick_frames = 0;
+    if (h->quiet_ticks < QUIET_TICKS)
+        return;
+    for (int k = 0; k < QUIETS; k++)
+        h->quiet[k] /= QUIET_TICKS;
+    h->quiet_status = judge_block(h->quiet, 0, QUIETS);
+    memset(h->quiet, 0, sizeof h->quiet);
+    h->quiet_ticks = 0;
+}
