@@ -287,7 +287,9 @@ def groups(**values: object) -> pd.DataFrame:
     return find_groups(values_from_keywords(values, KEYS))[0]
 
 
-def latex(runs: pd.DataFrame, paper: Sequence[str] | str = ()) -> str:
+def latex(
+    runs: pd.DataFrame, paper: Sequence[str] | str = (), published: str | Path | None = None
+) -> str:
     """Write tables in LaTeX that compare systems, with corpus, protocol and unit in the captions.
 
     Args:
@@ -298,6 +300,7 @@ def latex(runs: pd.DataFrame, paper: Sequence[str] | str = ()) -> str:
             ``seed_sd`` under each protocol, ``fit``, ``predict`` and ``flash`` of each system.
             Seeds are averaged. Protocols that mix people are marked. Empty for a table of each
             protocol.
+        published: CSV file of published numbers of your own, as ``bench report`` takes it.
 
     Returns:
         Text for a document that loads booktabs and graphicx.
@@ -306,11 +309,14 @@ def latex(runs: pd.DataFrame, paper: Sequence[str] | str = ()) -> str:
     from bench.reading.runs import results_on_captures
     from bench.reports.comparison import average_seeds, score_rows
     from bench.reports.latex import comparison_latex, make_papers, papers_latex, parse_columns
+    from bench.reports.own_numbers import load_numbers
 
     if "run_id" not in runs:
         raise InputError("bench.latex: give the table of bench.runs()")
     results = results_on_captures(_load_selected({"run": [*runs["run_id"]]}))
-    rows = average_seeds(score_rows(group_results(results)), results)
+    numbers = load_numbers(None if published is None else Path(published))
+    rows = score_rows(group_results(results), numbers=numbers)
+    rows = average_seeds(rows, results)
     if paper:
         return papers_latex(make_papers(rows, parse_columns(paper)))
     return comparison_latex(rows)

@@ -15,19 +15,22 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from bench.corpora.read.archive import open_zip
 from bench.corpora.read.limits import check_file, file_name
 from bench.errors import InputError
 from bench.ground.progress import warn
 from bench.ground.registry import views_of_runs
 from bench.ground.scratch import write_then_rename
-from bench.reports.comparison import command_line
+from bench.reports.comparison import command_line, load_published
 from bench.store.tables import read_table, table_file, write_table
 from bench.values.result import Result, RunTables, format_count
 
 FORMAT = 1
 # Names in the zip file.
 HEAD, RUNS, TABLES, REPORT = "touchbench.json", "runs.json", "tables", "report"
+NUMBERS = "published.parquet"
 TIME = (1980, 1, 1, 0, 0, 0)  # of every file; the earliest that a zip file can hold
 OF_STORE = ("artifacts", "mlflow.")  # beginnings of tags that say only where a run was stored
 # The folder of a part in a file of the user's.
@@ -40,6 +43,7 @@ report/          the page, CSV and LaTeX tables, figures
 commands.sh      the commands that make the runs
 runs.json        parameters, numbers, versions and digest of the corpus of each run
 tables/          tables of each run (parquet), such as predictions and accuracy of each subject
+published.parquet  published numbers of the papers, and of published=
 touchbench.json  the version of this format, and the options of the report
 
 To make the page again without the corpus: bench report from=FILE.zip
@@ -78,6 +82,8 @@ class Bundle:
                 raise ValueError(damaged)
             self.options = {str(key): str(value) for key, value in head["options"].items()}
             self.runs: list[StoredRun] = json.loads(archive.read(RUNS))
+            numbers = archive.read(NUMBERS) if NUMBERS in self.names else b""
+            self.numbers = read_table(io.BytesIO(numbers), NUMBERS) if numbers else load_published()
             kinds = [str(run["about"]["touchbench.kind"]) for run in self.runs]
         if unknown := sum(kind not in views_of_runs() for kind in kinds):
             warn(
@@ -118,9 +124,9 @@ class Bundle:
 
 @contextmanager
 def write_bundle(
-    path: Path, results: Collection[Result], options: Mapping[str, str]
+    path: Path, results: Collection[Result], options: Mapping[str, str], numbers: pd.DataFrame
 ) -> Iterator[Bundle]:
-    """Write results and the options of their report as a bundle; yield it to add the report.
+    """Write results, and options and numbers of their report; yield the bundle to add the report.
 
     Raises:
         InputError: the file cannot be written; what was there stays.
@@ -128,7 +134,7 @@ def write_bundle(
     try:
         with write_then_rename(path) as scratch:
             with zipfile.ZipFile(scratch, "w") as archive:
-                for name, content in _bundle_files(results, options):
+                for name, content in _bundle_files(results, options, numbers):
                     _add_file(archive, name, content)
             yield Bundle(scratch)
     except OSError as e:
@@ -137,7 +143,7 @@ def write_bundle(
 
 
 def _bundle_files(
-    results: Collection[Result], options: Mapping[str, str]
+    results: Collection[Result], options: Mapping[str, str], numbers: pd.DataFrame
 ) -> Iterator[tuple[str, bytes]]:
     """The files of a bundle without its report, by name."""
     runs = [{"about": _without_folders(r.attributes), "metrics": r.metrics} for r in results]
@@ -151,11 +157,15 @@ def _bundle_files(
         RUNS: json.dumps(runs, indent=1, sort_keys=True),
     }
     yield from ((name, text.encode()) for name, text in texts.items())
+    yield NUMBERS, _as_parquet(numbers)
     for r in results:
         for name in sorted(r.tables):
-            buffer = io.BytesIO()
-            write_table(r.tables[name], buffer)
-            yield f"{TABLES}/{r['run_id']}/{table_file(name)}", buffer.getvalue()
+            yield f"{TABLES}/{r['run_id']}/{table_file(name)}", _as_parquet(r.tables[name])
+
+
+def _as_parquet(table: pd.DataFrame) -> bytes:
+    write_table(table, buffer := io.BytesIO())
+    return buffer.getvalue()
 
 
 def _add_file(archive: zipfile.ZipFile, name: str, content: bytes) -> None:

@@ -66,20 +66,25 @@ def score_rows(
     groups: Mapping[str, Sequence[Result]],
     against: str = "",
     tests: Mapping[str, Tests] | None = None,
+    numbers: pd.DataFrame | None = None,
 ) -> list[Row]:
     """A row per run and variant of its score, best first within each set of comparable rows.
 
     ``difference`` and ``p_holm`` compare the system with ``against``, or with the best of its
     group; a system on windows is compared by mean probability of its captures. ``tests`` has those
-    of groups that are already computed.
+    of groups that are already computed. ``published`` are ``numbers``, or those of the papers.
     """
     rows: list[dict[str, Any]] = []
+    papers: dict[tuple, list] = {}  # by setting and system
+    for paper in (load_published() if numbers is None else numbers).itertuples():
+        papers.setdefault((*setting_of_paper(paper), paper.system), []).append(paper)
     for group, results in groups.items():
         differences = _differences_of_systems(results, against, (tests or {}).get(group))
         context = dict(zip(CONTEXT, (*results[0].context, group), strict=True))
         for name, r in zip(name_rows(results), results, strict=True):
             for variant in score_variants(r):
                 row = {**variant, **context, "name": name}
+                row["published"] = _published_words(r, row, papers)
                 if row["combined"] != "majority vote" and row["unit"] == "capture":
                     row |= differences.get(r.system, {})
                 rows.append(row)
@@ -138,13 +143,18 @@ def _average_rows(rows: Sequence[Row]) -> Row:
 
 def _accuracies_of_row(row: Row) -> dict[str, float]:
     """Accuracy on each subject in percent, in the unit of a row."""
-    of_unit = (row["unit"], row.get("combined"))
-    prefix = next((p for p, (*unit, _) in VARIANTS.items() if of_unit == (*unit,)), "")
+    prefix = _prefix_of_row(row)
     if not prefix:
         return row["result"].accuracy_by_subject
     labelled = scores.label_by_prefix(row["result"].tables["predictions"], prefix)
     people = scores.accuracy_by_subject(labelled)
     return dict(zip(people["subject"], 100 * people["accuracy"], strict=True))
+
+
+def _prefix_of_row(row: Row) -> str:
+    """The prefix of the scores of a row, by which `VARIANTS` lists it."""
+    of_unit = (row["unit"], row.get("combined") or "")
+    return next((p for p, (*unit, _) in VARIANTS.items() if of_unit == (*unit,)), "")
 
 
 def mean_of_rows(rows: Sequence[Row]) -> dict[str, Any]:
@@ -209,11 +219,9 @@ def score_variants(result: Result) -> Iterator[Row]:
         The numbers of the run, those of the unit without their prefix.
     """
     windowed = result.get("windows", 0) > 0
-    for prefix, (unit, combined, published_units) in VARIANTS.items():
+    for prefix, (unit, combined, _) in VARIANTS.items():
         if f"{prefix}accuracy" not in result:
             continue
-        if not windowed:  # one decision a capture is its vote
-            published_units = (*published_units, "capture vote")
         of_unit = {
             k.removeprefix(prefix): v for k, v in result.metrics.items() if k.startswith(prefix)
         }
@@ -224,32 +232,25 @@ def score_variants(result: Result) -> Iterator[Row]:
             "unit": unit,
             "combined": (windowed and combined) or None,
             "seed": result["seed"],
-            "published": _published_words(result, published_units),
             "folds": result.folds,
             "run_id": result["run_id"],
             "note": " ".join(footnotes_of_system(result.system, str(result["data"]))),
         }
 
 
-@cache
-def _published_by_system() -> dict[tuple, list]:
-    """Published numbers by setting and system."""
-    papers: dict[tuple, list] = {}
-    for paper in load_published().itertuples():
-        papers.setdefault((*setting_of_paper(paper), paper.system), []).append(paper)
-    return papers
-
-
-def _published_words(result: Result, units: Sequence[str]) -> str | None:
-    """Published numbers of the system in some units, each with its unit and id; None without any.
+def _published_words(result: Result, row: Row, papers: Mapping[tuple, Sequence[Any]]) -> str | None:
+    """Published numbers of the system in the unit of a row, each with unit and id; None without.
 
     Systems that depend on the batch or use conditions have none: their marked names match no
     published system.
     """
     if result["synthetic"] == "true":
         return None
-    papers = _published_by_system().get((*setting_of_run(result), result.system), [])
-    words = [f"{p.accuracy:g} ({p.unit_key}, {p.id})" for p in papers if p.unit_key in units]
+    *_, units = VARIANTS[_prefix_of_row(row)]
+    if row["combined"] is None:  # one decision a capture is its vote
+        units = (*units, "capture vote")
+    of_system = papers.get((*setting_of_run(result), result.system), [])
+    words = [f"{p.accuracy:g} ({p.unit_key}, {p.id})" for p in of_system if p.unit_key in units]
     return "; ".join(words) or None
 
 

@@ -62,6 +62,7 @@ def write_report(
     selection: Mapping[str, Iterable[object]] | None = None,
     paper_columns: Sequence[str] = ("accuracy",),
     with_history: bool = False,
+    numbers: pd.DataFrame | None = None,
 ) -> list[Path]:
     """Write ``index.html``, ``comparison.md``, LaTeX tables, CSV tables and figures as SVG.
 
@@ -73,6 +74,7 @@ def write_report(
         selection: values of the selected runs (`bench.reading.runs.select_runs`).
         paper_columns: columns of ``paper.tex`` and ``paper.csv``.
         with_history: True adds each system over git revisions.
+        numbers: published numbers (`bench.reports.own_numbers.load_numbers`); default the papers'.
 
     Raises:
         InputError: no run is stored or selected, ``against`` has no complete run, or the folder
@@ -92,7 +94,8 @@ def write_report(
         remove_leftovers(folder)
         with hold_path(folder) as scratch:
             scratch.mkdir()
-            report = Report(results, scratch, budgets or {}, against, revisions)
+            published = load_published() if numbers is None else numbers
+            report = Report(results, scratch, budgets or {}, published, against, revisions)
             if with_history and not report.histories:
                 warn("warning: history=yes: no system has complete runs of several revisions")
             written = report.write(paper_columns)
@@ -114,6 +117,7 @@ class Report:
         results: selected results of all kinds.
         folder: empty folder for all files.
         budgets: largest or smallest amount of each cost.
+        numbers: published numbers.
         against: system that tests compare with; empty for the best one.
         revisions: runs of all git revisions, for the history.
     """
@@ -123,6 +127,7 @@ class Report:
         results: Sequence[Result],
         folder: Path,
         budgets: Mapping[str, float],
+        numbers: pd.DataFrame,
         against: str = "",
         revisions: Sequence[Result] = (),
     ) -> None:
@@ -132,12 +137,13 @@ class Report:
         self.groups = group_results(self.runs)
         self.largest_groups, self.omitted_groups = split_largest_groups(self.groups)
         self.summaries = summarise_groups(
-            self.largest_groups, results, budgets, against, self.figures
+            self.largest_groups, results, budgets, numbers, against, self.figures
         )
         tests = {group.name: (group.subjects, group.rows) for group in self.summaries}
-        self.rows = score_rows(self.groups, against, tests)
+        self.rows = score_rows(self.groups, against, tests, numbers)
         self.rankings = over_corpora.rank_over_corpora(self.groups)
-        self.published = compare_with_published(self.runs)
+        self.numbers = numbers
+        self.published = compare_with_published(self.runs, numbers)
         self.revisions = revisions
 
     @cached_property
@@ -216,6 +222,7 @@ def summarise_groups(
     groups: Mapping[str, Sequence[Result]],
     results: Sequence[Result],
     budgets: Mapping[str, float],
+    numbers: pd.DataFrame,
     against: str,
     folder: Path,
 ) -> list[Summary]:
@@ -229,7 +236,7 @@ def summarise_groups(
         summary.label = labels[i - 1]
         summary.key = slugify(name, most=200) if protocol in keys else protocol
         keys.add(protocol)
-        draw_charts(summary, models, budgets, folder, file)
+        draw_charts(summary, models, budgets, numbers, folder, file)
         summary.pictures = draw_group_figures(runs, summary.subjects, name, folder, file)
         summary.page_data = page_data(summary, models)
         summaries.append(summary)
@@ -240,6 +247,7 @@ def draw_charts(
     summary: Summary,
     models: Mapping[str, str],
     budgets: Mapping[str, float],
+    numbers: pd.DataFrame,
     folder: Path,
     file: str,
 ) -> None:
@@ -247,7 +255,8 @@ def draw_charts(
     if summary.choice is None or len(summary.choice.table) < 2 or not len(summary.subjects):
         return
     points = chart_points(summary, models, {*load_published()["system"]} - {""})
-    omitted, best = len(summary.choice.table) - len(points), best_published(summary.results[0])
+    omitted = len(summary.choice.table) - len(points)
+    best = best_published(summary.results[0], numbers)
     for key in summary.costs:
         cost = all_costs()[key]
         chart = draw_cost_chart(summary.name, points, cost, budgets.get(key), omitted, best)
@@ -304,7 +313,9 @@ def missing_measurements(report: Report) -> list[tuple[str, str]]:
 
 def describe_published(report: Report) -> dict[str, Any]:
     """Published numbers beside ours."""
-    beside = pd.concat([report.published, own_systems(report.runs)], ignore_index=True)
+    beside = pd.concat(
+        [report.published, own_systems(report.runs, report.numbers)], ignore_index=True
+    )
     return published_section(beside) | {"fewest": few.FEWEST_FOR_INTERVAL}
 
 

@@ -16,6 +16,7 @@ import pandas as pd
 from bench.reports.comparison import load_published, setting_of_paper, setting_of_run
 from bench.reports.details import macro_interval
 from bench.reports.notes import join_names
+from bench.reports.own_numbers import OWN_NUMBER
 from bench.values import few, scores
 from bench.values.measures import UNKNOWN, Measure, text_measure, value_or_none
 from bench.values.result import Result, Row, seed_number
@@ -44,8 +45,10 @@ WITHOUT_RUN = {
 WITHOUT_RUN |= {"seed": ""}
 
 
-def compare_with_published(results: Sequence[Result]) -> pd.DataFrame:
-    """Published numbers in percent, a row for each and each seed of ours, if there is one.
+def compare_with_published(
+    results: Sequence[Result], numbers: pd.DataFrame | None = None
+) -> pd.DataFrame:
+    """Published numbers, or ``numbers``, in percent: a row for each and each seed of ours, if any.
 
     Only complete runs of the same system count, with the parameters of the paper, on captures of
     people. ``note`` has a remark a line.
@@ -53,11 +56,12 @@ def compare_with_published(results: Sequence[Result]) -> pd.DataFrame:
     runs = _real_runs(results)
     corpora = {r["data"] for r in runs}
     rows = []
-    for paper in load_published().itertuples():
+    for paper in (load_published() if numbers is None else numbers).itertuples():
         of_model = [
             r
             for r in runs
-            if setting_of_run(r) == setting_of_paper(paper) and r["model_name"] == paper.system
+            if setting_of_run(r) == setting_of_paper(paper)
+            and paper.system in (r["model_name"], r.system)
         ]
         same = [_value_beside(r, paper) for r in of_model if r.system == paper.system]
         others = sorted({r.system for r in of_model} - {paper.system})
@@ -70,7 +74,7 @@ def compare_with_published(results: Sequence[Result]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def own_systems(results: Sequence[Result]) -> pd.DataFrame:
+def own_systems(results: Sequence[Result], numbers: pd.DataFrame) -> pd.DataFrame:
     """Our most accurate systems beside the best number of each published protocol and unit.
 
     Each has its lowest seed; systems that a paper published have their own rows
@@ -78,9 +82,8 @@ def own_systems(results: Sequence[Result]) -> pd.DataFrame:
     """
     runs = _real_runs(results)
     rows = []
-    numbers = load_published().dropna(subset="accuracy")
     keys = ["data", "subset_key", "target_key", "protocol_key", "subset", "protocol", "unit_key"]
-    for _, papers in numbers.groupby(keys, sort=False):
+    for _, papers in numbers.dropna(subset="accuracy").groupby(keys, sort=False):
         best = next(papers.nlargest(1, "accuracy").itertuples())
         values: dict[str, Row] = {}
         for r in runs:
@@ -102,11 +105,11 @@ def _real_runs(results: Sequence[Result]) -> list[Result]:
     return sorted(runs, key=lambda r: seed_number(r["seed"]))
 
 
-def best_published(result: Result) -> tuple[str, str, float] | None:
+def best_published(result: Result, numbers: pd.DataFrame) -> tuple[str, str, float] | None:
     """Source, system and percent of the best published number in the setting of a run."""
     papers = [
         paper
-        for paper in load_published().dropna(subset="accuracy").itertuples()
+        for paper in numbers.dropna(subset="accuracy").itertuples()
         if setting_of_paper(paper) == setting_of_run(result) and paper.unit_key in WHOLE
     ]
     if result["synthetic"] == "true" or not papers:
@@ -201,6 +204,8 @@ def published_section(beside: pd.DataFrame) -> dict[str, object]:
         "elsewhere": f"published numbers on {join_names(corpora)}, which {verb} no runs here",
         "counts": beside.loc[beside["ours"].notna() & ~is_own, "verdict"].value_counts().to_dict(),
         "yours": bool(is_own.any()),
+        "printed": beside.loc[beside["confidence"] != OWN_NUMBER, "id"].nunique(),
+        "own": beside.loc[beside["confidence"] == OWN_NUMBER, "id"].nunique(),
         "few": int((beside["subjects"] < few.FEWEST_FOR_INTERVAL).sum()),
         "haart": any(row["data"] == "haart" for row in here),
     }

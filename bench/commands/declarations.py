@@ -29,7 +29,12 @@ STEP_OPTIONS = (  # of any model
         "model.window", "number", None, "seconds per window, also for a model of whole captures"
     ),
     Option(
-        "model.repair", "text", "", "sensor damage to correct", ("stuck", "dead", "offset"), "+"
+        "model.repair",
+        "text",
+        "",
+        "sensor damage to correct",
+        ("stuck", "dead", "offset", "noise"),
+        "+",
     ),
     Option(
         "model.scale",
@@ -162,6 +167,13 @@ REPORT = Command(
         ),
         Option(
             "against", "text", "", "system that p values compare with; default the best of your own"
+        ),
+        Option(
+            "published",
+            "text",
+            "",
+            "CSV file of published numbers of your own, with the columns system, data, protocol, "
+            "accuracy (percent) and reference; also where, target, unit and sd",
         ),
         Option("bundle", "text", "", "zip file for the report and everything behind it"),
         Option(

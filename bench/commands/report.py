@@ -10,11 +10,12 @@ from bench.ground.typed import Values
 from bench.reading.runs import load_clean_runs, load_results, parse_selection, select_or_fail
 from bench.reports.bundle import Bundle, write_bundle
 from bench.reports.latex import parse_columns
+from bench.reports.own_numbers import load_numbers
 from bench.reports.page import write_report
 from bench.store.client import connect
 from bench.values.result import format_count
 
-FILE_KEYS = ("out", "bundle", "from")  # a bundle does not keep them
+FILE_KEYS = ("out", "bundle", "from", "published")  # a bundle does not keep them
 
 
 def command(values: Values) -> int:
@@ -26,16 +27,18 @@ def command(values: Values) -> int:
     paper, history = parse_columns(settings["paper"]), settings["history"]
     out, store = Path(settings["out"]), source or connect()
     limits = cost_limits(settings), settings["against"]
+    own = Path(settings["published"]) if settings["published"] else None
+    numbers = source.numbers if source and own is None else load_numbers(own)
     if settings["bundle"]:
         results = select_or_fail(load_results(store, selection), selection)
         results = [*(load_clean_runs(store, selection) if history else []), *results]
         runs = {result["run_id"]: result for result in results}.values()
         options = {k: v for k, v in values.items() if k not in (*selection, *FILE_KEYS)}
-        with write_bundle(Path(settings["bundle"]), runs, options) as bundle:
-            paths = write_report(bundle, out, *limits, {}, paper, history)
+        with write_bundle(Path(settings["bundle"]), runs, options, numbers) as bundle:
+            paths = write_report(bundle, out, *limits, {}, paper, history, numbers)
             bundle.add_report(out, paths)
     else:
-        paths = write_report(store, out, *limits, selection, paper, history)
+        paths = write_report(store, out, *limits, selection, paper, history, numbers)
     tables = format_count(sum(path.suffix == ".csv" for path in paths), "CSV file")
     figures = format_count(sum(path.suffix == ".svg" for path in paths), "figure")
     page = out / "index.html"
