@@ -101,8 +101,8 @@ def test_recordings_become_c_that_compiles_passes_its_test_and_keeps_its_certifi
     result = run_in_robot("make", "-s", "test", "examples")
     assert result == (0, "3 of 3 captures as in Python\n")
     for example in ("./example", "./example_cpp"):
-        code, gesture = run_in_robot(example)
-        assert code == 0 and gesture.strip() in ("pat", "rub", "tap")
+        code, gestures = run_in_robot(example)
+        assert code == 0 and {*gestures.split()} <= {"pat", "rub", "tap"} and gestures
     path = Path("robot/vectors.h")
     before, row = path.read_text().split("\n    {", 1)
     label = row.split(",")[1].strip()
@@ -262,7 +262,7 @@ def test_the_c_is_linked_for_a_board_and_passes_its_test_in_an_emulator(capsys):
     assert main([*BUILD, "board=nano33ble"]) == 0
     facts = json.loads(Path("robot/certificate.json").read_text())
     chip = facts["chip"]
-    assert 1000 < chip["flash_bytes"] < 1000 * chip["board"]["flash_kb"] == 1048576
+    assert 1000 < chip["flash_bytes"] < 1000 * facts["board"]["flash_kb"] == 1048576
     share = chip["frame_instructions"] * 100 / 64e6
     assert chip["processor_share"] == pytest.approx(share, abs=1e-4)
     chip["most_instructions"] = 3_000_000  # 46.9 ms at 64 MHz: four frames at 100 Hz

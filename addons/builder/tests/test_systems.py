@@ -1,6 +1,8 @@
 """Choice, training and accuracy to expect of the systems of a build."""
 
+import math
 import re
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,12 +10,20 @@ import pandas as pd
 import pytest
 
 from addons.streams.tests.people import PEOPLE, import_day
+from bench.cli import main
+from bench.corpora.read.table import write_table
 from bench.errors import InputError
+from bench.plan.grid import make_cells
 from bench.reading.candidates import Candidates
 from bench.reading.choice import choose_candidate
+from bench.reading.scene import load_boards
+from tests.conftest import random_corpus
 from tests.reading.results import make_run
 from touchbench_builder import systems
+from touchbench_builder.captures import load_corpus
 from touchbench_builder.certificate import expected_accuracy
+from touchbench_builder.sessions import measure_session_cost
+from touchbench_builder.slices import most_instructions, spread_work
 from touchbench_builder.systems import (
     EARLY,
     fit_or_load,
@@ -21,6 +31,7 @@ from touchbench_builder.systems import (
     nothing_fits_message,
     systems_without_each,
 )
+from touchbench_streams.detectors.ticks import TickWatcher
 
 
 def make_choice(flash, ram, accuracies, budgets):
@@ -92,6 +103,7 @@ def test_the_model_has_what_the_budgets_allow(flash, without, monkeypatch):
         monkeypatch.setattr(systems, name, fake)
     limits = {"flash": flash}
     choice = SimpleNamespace(name="lda", values={}, run_id="r", limits=limits, watched=True)
+    choice.frame_limit = math.inf
     if without is None:
         with pytest.raises(InputError, match=r"trained on all captures it takes 30.0 kB of flash"):
             systems.train_chosen({}, choice)
@@ -99,3 +111,76 @@ def test_the_model_has_what_the_budgets_allow(flash, without, monkeypatch):
     _, model, amounts, left_out = systems.train_chosen({}, choice)
     assert left_out == without and amounts["flash_bytes"] <= 1000 * flash
     assert model.watcher and bool(model.stopping) is not bool(without)
+
+
+SPREAD_WORK = [  # instructions that a board executes in half a period, slices and what is measured
+    (math.inf, 1, [1]),
+    (2.4e6, 1, [1]),
+    (1.5e6, 3, [1, 3]),
+    (0.7e6, 5, [1, 5]),
+    (0.5e6, 7, [1, 6, 7]),
+    (0.1e6, 7, [1, 7]),
+    (0.0, 7, [1, 7]),
+]
+
+
+@pytest.mark.parametrize(("limit", "slices", "measured"), SPREAD_WORK)
+def test_the_fewest_slices_are_taken_with_which_each_frame_is_short_enough(limit, slices, measured):
+    watcher = TickWatcher(None, None, None, 0.0, 7)
+    model, seen = SimpleNamespace(watcher=watcher), []
+
+    def measure(model):
+        seen.append(model.watcher.slices)
+        return {"most_instructions": 1e5 + 2.3e6 / max(1, model.watcher.slices - 1)}
+
+    costs = spread_work(model, limit, measure)
+    assert model.watcher.slices == slices and seen == measured
+    assert costs == measure(model) and watcher.slices == 1
+
+
+def test_a_frame_may_take_half_a_period_of_a_board_with_an_fpu():
+    boards = load_boards()
+    assert most_instructions(boards["nucleo-l432kc"], 54.0, math.inf) == pytest.approx(
+        740_741, 1e-5
+    )
+    assert most_instructions(boards["nucleo-l432kc"], 54.0, 6e5) == 6e5
+    assert most_instructions(boards["zero"], 54.0, 6e5) == 0
+    assert most_instructions(None, 54.0, 6e5) == 6e5
+
+
+def test_another_session_costs_what_left_out_people_lose_in_it():
+    """In the second session, pat and tap are swapped; so all of their labels are wrong there."""
+    corpus = random_corpus(5, 4, grid=(4, 4))
+    table = corpus.captures
+    session = np.where(np.arange(len(table)) % 4 < 2, "mon", "tue")
+    swapped = table["gesture"].replace({"pat": "tap", "tap": "pat"})
+    gesture = table["gesture"].where(session == "mon", swapped)
+    table = table.assign(session=session, gesture=gesture)
+    write_table(corpus.with_fields(captures=table), Path("skin.csv"))
+    sensor = ["grid=4x4", "rate_hz=100", "full_scale=1023"]
+    assert main(["data", "import", "table", "skin.csv", "name=skin", *sensor]) == 0
+    choice = SimpleNamespace(values=systems.SMALLEST_SYSTEM, watched=None)
+    on = {"data": "skin", "jobs": "1"}
+    imported = load_corpus({"data": "skin"})
+    found = measure_session_cost(imported, on, choice)
+    assert found["values"] == ["mon", "tue"] and found["people"] == 5
+    shares = {}
+    for name, trains in (
+        ("same", {"mon": "mon", "tue": "tue"}),
+        ("other", {"mon": "tue", "tue": "mon"}),
+    ):
+        rows = []
+        for tested, trained in trains.items():
+            for person in sorted(set(table["subject"])):
+                train = ((table["subject"] != person) & (session == trained)).to_numpy()
+                test = ((table["subject"] == person) & (session == tested)).to_numpy()
+                system = make_cells({"data": "skin", **systems.SMALLEST_SYSTEM})[0].estimator()
+                system.fit(imported[train], imported.gestures[train])
+                right = system.predict(imported[test]) == imported.gestures[test]
+                rows += [(person, each) for each in right]
+        shares[name] = 100 * pd.DataFrame(rows).groupby(0)[1].mean()
+    assert found["same"] == pytest.approx(shares["same"].mean(), abs=0.06)
+    assert found["other"] == pytest.approx(shares["other"].mean(), abs=0.06)
+    assert found["cost"] == pytest.approx(found["same"] - found["other"], abs=0.11)
+    assert found["low"] < found["cost"] < found["high"] and found["cost"] > 20
+    assert measure_session_cost(imported[session == "mon"], on, choice) is None

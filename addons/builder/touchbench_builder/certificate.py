@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from importlib.metadata import version
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
@@ -72,7 +73,8 @@ def make_certificate(
     stream = None
     if choice.watched is not None:
         composed = not comes_from_recordings(open_stream_captures(on, corpus))
-        stream = describe_stream(choice.watched, composed)
+        delay_s = recogniser.watcher.delay / recogniser.rate_hz
+        stream = describe_stream(choice.watched.delayed(delay_s), composed)
     facts = {
         "certificate": CERTIFICATE_VERSION,
         "touchbench": version("touchbench"),
@@ -105,8 +107,10 @@ def make_certificate(
         "left_out": choice.left_out,
         "runs": choice.runs,
         "budgets": choice.limits,
-        "chip": None if numbers is None else _chip_costs(numbers, recogniser.rate_hz, scene.board),
+        "chip": None if numbers is None else _chip_costs(numbers, recogniser, scene.board),
+        "board": scene.board and asdict(scene.board),
         "without": without,
+        "sessions": sessions,
         "faults": faults,
         "operating_points": operating_points(recogniser),
         "no_stream": no_stream,
@@ -169,17 +173,16 @@ def _fault_losses(
 
 
 def _chip_costs(
-    numbers: Mapping[str, float], rate_hz: float, board: Board | None
+    numbers: Mapping[str, float], recogniser: Recogniser, board: Board | None
 ) -> dict[str, Any]:
-    """Bytes, instructions, and the share of a board's processor."""
-    costs: dict[str, Any] = {name: int(value) for name, value in numbers.items()}
-    costs |= {"board": None, "processor_share": None}
-    if board is not None:
-        names = ("title", "flash_kb", "ram_kb", "clock_mhz", "fpu", "share")
-        costs["board"] = {name: getattr(board, name) for name in names}
-        if board.fpu:
-            share = numbers["frame_instructions"] * rate_hz / (1e6 * board.clock_mhz)
-            costs["processor_share"] = round(share, 4)
+    """Bytes, instructions, slices, and the share of a board's processor."""
+    costs: dict[str, Any] = {n: int(value) for n, value in numbers.items() if n != "delay_s"}
+    watcher = recogniser.watcher
+    costs |= {"slices": watcher.slices if watcher else 1, "costliest": "observed"}
+    costs |= {"delay_ms": round(1000 * numbers["delay_s"]), "processor_share": None}
+    if board is not None and board.fpu:
+        share = numbers["frame_instructions"] * recogniser.rate_hz / (1e6 * board.clock_mhz)
+        costs["processor_share"] = round(share, 4)
     return costs
 
 

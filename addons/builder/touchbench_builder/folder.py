@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import subprocess
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -73,8 +75,29 @@ def _earlier_build(out: Path) -> Path:
 
 def write_build(out: Path, recogniser: Recogniser, facts: dict[str, Any], corpus: Corpus) -> None:
     """Write the folder of a build and test its C; then it replaces an earlier build."""
+    texts = source_texts(recogniser, facts, header_lines(facts), corpus)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        _write_texts(folder, texts)
+        labels, _ = label_with_c(folder, recogniser.classes, corpus, facts["system"]["prefix"])
+        others = int((recogniser.label(corpus)["label"].to_numpy() != labels).sum())
+        facts["c"] = {"captures": len(corpus), "other_labels": others}
+        certificate = json_with_digest(json.dumps(facts, indent=1, ensure_ascii=False) + "\n")
+    write_tested(out, texts | {CERTIFICATE: certificate, "README.md": render_page(facts)})
+
+
+def source_texts(
+    recogniser: Recogniser, facts: Mapping[str, Any], head: list[str], corpus: Corpus
+) -> dict[str, str]:
+    """Files of C by name, with examples and a test; ``head`` is that of ``touch.h``."""
     bits, prefix = facts["system"]["bits"], facts["system"]["prefix"]
-    texts = write_c_sources(recogniser, bits, "\n   ".join(header_lines(facts)), prefix)
+    chip, board = facts["chip"], facts["board"]
+    if chip and recogniser.watcher is not None:
+        recogniser.watcher = replace(recogniser.watcher, slices=chip["slices"])
+    texts = write_c_sources(recogniser, bits, "\n   ".join(head), prefix)
+    for name in ("flash", "ram") if board else ():  # of make chip
+        size = f"{name.upper()} = {board[f'{name}_kb'] / 1.024:.0f}K"
+        texts["Makefile"] = re.sub(rf"(?m)^{name.upper()} = .*$", size, texts["Makefile"])
     texts["touch.c"] = f"/* {origin_comment(facts)} */\n\n{texts['touch.c']}"
     more = {path.name: path.read_text(encoding="utf-8") for path in CODE.iterdir()}
     more["vectors.h"] = vectors_header(recogniser, corpus)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -45,6 +45,11 @@ class WatchedPeople:
     touches: pd.DataFrame
     reports: pd.DataFrame
     background_s: Mapping[str, float]
+
+    def delayed(self, seconds: float) -> WatchedPeople:
+        """The same with reports that come later."""
+        touches = self.touches.assign(latency_s=self.touches["latency_s"] + seconds)
+        return replace(self, touches=touches)
 
     def count_right(self, share: str, gesture: str = "") -> pd.DataFrame:
         """Touches of which a share of `SHARES` is true, and all, by person: right, total."""

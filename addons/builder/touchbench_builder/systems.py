@@ -37,6 +37,7 @@ from bench.running.saved import Recogniser, load_recogniser
 from bench.store.client import connect
 from bench.values.measures import all_costs
 from bench.values.scores import label_captures
+from touchbench_builder.slices import most_instructions, spread_work
 from touchbench_builder.stream import select_people
 from touchbench_chip.measure import ROOMY, measure_footprint, measure_watching, missing_programs
 from touchbench_chip.tables import check_exportable
@@ -58,8 +59,9 @@ STREAM_BUDGETS = ("max_false_alarms", "max_latency")  # of a scene, for recordin
 BUILT_TAG = "touchbench.built"  # tag of a model: hash of what it was built from
 EARLY = "calibration and early decisions"
 WATCH = "watch"  # the command of runs on streams
-CHIP_COSTS = ("flash_bytes", "ram_bytes", "stack_bytes", "frame_instructions", "most_instructions")
-CHIP_COST_OF = {"flash": "flash_bytes", "ram": "ram_bytes", "cycles": "most_instructions"}
+COUNTED = ("flash_bytes", "ram_bytes", "stack_bytes", "frame_instructions", "most_instructions")
+CHIP_COSTS = (*COUNTED, "needed_ram_bytes", "delay_s")  # RAM with stack and a frame
+CHIP_COST_OF = {"flash": "flash_bytes", "ram": "needed_ram_bytes", "cycles": "most_instructions"}
 ROUNDED_MODELS = ("lda", "softmax", "reflex")  # those with model.bits=
 REPAIR = "stuck+dead"
 SMALLEST_SYSTEM: dict[str, object] = {"model": "tree", "features": "jung28"}
@@ -86,6 +88,7 @@ class ChosenSystem:
         left_out: systems that were not compared, with reasons.
         runs: ids of the compared runs.
         limits: budget of each cost.
+        frame_limit: most instructions of a frame, as of `most_instructions`.
         run_id: id of its run.
     """
 
@@ -98,6 +101,7 @@ class ChosenSystem:
     left_out: list[str]
     runs: list[str]
     limits: dict[str, float]
+    frame_limit: float
     run_id: str
 
 
@@ -165,6 +169,9 @@ def compare_systems(
     faults = {"under": [*scene.faults]} if scene.faults else {}
     plans: dict[str, tuple[dict[str, Any], Plan]] = {}
     results, damaged, left_out = [], [], []
+    settings, budgets = _read_budgets(scene, limits, watches)
+    budget = 1000 * budgets.get("cycles", np.inf)
+    frame_limit = most_instructions(scene.board, corpus.rate_hz, budget)
     longest = slowest = 0.0
     for number, (values, fit_seconds) in enumerate(systems, 1):
         title, left = system_title(values), progress.seconds_left
@@ -186,7 +193,8 @@ def compare_systems(
             if watches and not result.metrics["touches_found"]:
                 raise InputError("it found no touch in any stream")
             if not missing_programs():
-                costs = linked_costs(on, values, str(result["run_id"]), watches)
+                costs = linked_costs(on, values, str(result["run_id"]), watches, frame_limit)
+                result.metrics |= _delay_latencies(result.metrics, costs["delay_s"])
                 sources = {all_costs()[key].source_name: CHIP_COST_OF[key] for key in CHIP_COST_OF}
                 result.metrics |= {source: costs[name] for source, name in sources.items()}
         except InputError as e:
@@ -204,7 +212,15 @@ def compare_systems(
         compared = f"{len(results)} of {len(systems)} systems compared"
         progress.print_line(f"{compared}; not {left_out[0]}{more}")
     progress.start_step("choice")
-    choice = _choose_system(results + damaged, scene, limits, watches)
+    choice = rule.choose_from_runs(
+        results + damaged,
+        {},
+        settings["by"],
+        budgets,
+        scene=scene,
+        margin=settings["margin"],
+        run_kind=WATCH if watches else "",
+    )
     if choice.chosen is None:
         raise InputError(nothing_fits_message(choice))
     name, runs = str(choice.system), {r.system: str(r["run_id"]) for r in results}
@@ -232,6 +248,7 @@ def compare_systems(
         left_out,
         run_ids,
         choice.budgets,
+        frame_limit,
         runs[name],
     )
 
@@ -280,19 +297,21 @@ def later_seconds(plan: Plan, scene: Scene, seconds: float) -> tuple[float, floa
     return tests * clean, LAST_FIT_TIME * clean * plan.workers
 
 
-def _choose_system(
-    results: list[Result], scene: Scene, limits: Mapping[str, float], watches: bool
-) -> rule.Choice:
-    """Choose among results as ``bench choose`` does, among those on streams if it watches."""
+def _delay_latencies(metrics: Mapping[str, float], delay_s: float) -> dict[str, float]:
+    """Latencies of a run in Python as they are in C, whose news come later."""
+    names = [name for name in metrics if name.startswith("latency_s")]
+    return {name: metrics[name] + delay_s for name in names}
+
+
+def _read_budgets(
+    scene: Scene, limits: Mapping[str, float], watches: bool
+) -> tuple[dict[str, Any], dict[str, float]]:
+    """Settings of ``bench choose`` in a scene, and budgets of those that a build measures."""
     unused = ("clock", "unit", *(() if watches else STREAM_BUDGETS))
     settings = typed_settings(
         "choose", {key: value for key, value in scene.values.items() if key not in unused}
     )
-    budgets, margin = cost_limits(settings) | dict(limits), settings["margin"]
-    kind = WATCH if watches else ""
-    return rule.choose_from_runs(
-        results, {}, settings["by"], budgets, scene=scene, margin=margin, run_kind=kind
-    )
+    return settings, cost_limits(settings) | dict(limits)
 
 
 def systems_without_each(choice: rule.Choice) -> dict[str, str]:
@@ -378,21 +397,22 @@ def build_key(*parts: object) -> str:
 
 
 def linked_costs(
-    on: Mapping[str, Any], values: Mapping[str, Any], run_id: str, watches: bool
+    on: Mapping[str, Any], values: Mapping[str, Any], run_id: str, watches: bool, frame_limit: float
 ) -> dict[str, float]:
     """`CHIP_COSTS` of a system in C, trained on all captures; stored with the model."""
     store, key = connect(writes=True), _linked_key(run_id)
+    names = {name: f"linked_{frame_limit:.0f}_{name}" for name in CHIP_COSTS}
     for model in store.search_runs(f"tags.`{BUILT_TAG}` = '{key}'"):
-        if all(f"linked_{name}" in model.data.metrics for name in CHIP_COSTS):
-            return {name: model.data.metrics[f"linked_{name}"] for name in CHIP_COSTS}
+        if all(name in model.data.metrics for name in names.values()):
+            return {name: model.data.metrics[stored] for name, stored in names.items()}
     model_id, recogniser = fit_or_load(on, values, key, stopping=False, watch=watches)
-    costs = measure_on_chip(recogniser)
-    store.log_values(model_id, {f"linked_{name}": value for name, value in costs.items()})
+    costs = spread_work(recogniser, frame_limit, measure_on_chip)
+    store.log_values(model_id, {names[name]: value for name, value in costs.items()})
     return costs
 
 
 def _linked_key(run_id: str) -> str:
-    return build_key("linked", run_id, hash_fixed_code())
+    return build_key("linked", run_id, hash_fixed_code(), Watching.hash_c_code())
 
 
 def measure_on_chip(recogniser: Recogniser) -> dict[str, float]:
@@ -406,7 +426,11 @@ def measure_on_chip(recogniser: Recogniser) -> dict[str, float]:
             numbers = measure_watching(folder) if watches else measure_footprint(folder, *ROOMY)
         except ValueError as e:  # such as a program too large for the emulated chip
             raise InputError(str(e)) from e
-    return {name: numbers[f"chip_{'watch_' * watches}{name}"] for name in CHIP_COSTS}
+    costs = {name: numbers[f"chip_{'watch_' * watches}{name}"] for name in COUNTED}
+    frame_bytes = 4 * recogniser.grid[0] * recogniser.grid[1]
+    costs["needed_ram_bytes"] = costs["ram_bytes"] + costs["stack_bytes"] + frame_bytes
+    delay = recogniser.watcher.delay if watches else 0
+    return costs | {"delay_s": delay / recogniser.rate_hz}
 
 
 def train_chosen(
@@ -423,15 +447,15 @@ def train_chosen(
     run_id, recogniser = fit_or_load(on, choice.values, key, watch=watches)
     if missing_programs():
         return run_id, recogniser, None, ""
-    costs = measure_on_chip(recogniser)
+    costs = spread_work(recogniser, choice.frame_limit, measure_on_chip)
     if _fits_budgets(costs, choice):
         return run_id, recogniser, costs, ""
     key = _linked_key(choice.run_id)
     stored = fit_or_load(on, choice.values, key, stopping=False, watch=watches)
-    costs = measure_on_chip(stored[1])
+    costs = spread_work(stored[1], choice.frame_limit, measure_on_chip)
     if _fits_budgets(costs, choice):
         return *stored, costs, EARLY
-    kilobytes = [f"{costs[name] / 1000:.1f} kB" for name in ("flash_bytes", "ram_bytes")]
+    kilobytes = [f"{costs[name] / 1000:.1f} kB" for name in ("flash_bytes", "needed_ram_bytes")]
     raise InputError(
         f"{choice.name} fits, but trained on all captures it takes {kilobytes[0]} of flash and "
         f"{kilobytes[1]} of RAM; take a larger board or raise its budgets"
