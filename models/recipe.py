@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -129,11 +129,33 @@ class Recipe(MostProbable):
 
     def fit(self, X: Corpus, y: np.ndarray) -> Recipe:
         """Fit to captures and their class names."""
-        system = self._fit_system(X, np.asarray(y))
+        return self._keep_fitted(self._fit_system(X, np.asarray(y)), X.rate_hz)
+
+    def fit_parts(self, parts: Iterable[Corpus]) -> Recipe:
+        """Fit to captures that come in parts, of which only features stay in memory if possible."""
+        system, steps = clone(self.system), self.training_steps()
+        if not _has_feature_step(system) or not is_stateless(system.steps[0][1]):
+            captures = _join_parts([*parts])
+            return self.fit(captures, captures.gestures)
+        (name, features), *later_steps = system.steps
+        tables, labels = [], []
+        for part in parts:
+            seen, source = apply_steps(part, steps)
+            tables.append(features.fit_transform(seen))
+            labels.append(part.gestures[source])
+        rate_hz = part.rate_hz
+        del part, seen  # and with them their frames
+        table, y = pd.concat(tables), np.concatenate(labels)
+        tables.clear()
+        later = Pipeline(later_steps).fit(table, y)
+        return self._keep_fitted(Pipeline([(name, features), *later.steps]), rate_hz)
+
+    def _keep_fitted(self, system: contract.System, rate_hz: float) -> Recipe:
+        """Keep the fitted system, and what follows from it."""
         self.system_ = system if self.bits == 32 else quantise_pipeline(system, self.bits)
         self.classes_ = system.classes_
         if self.window:
-            self.window_ = Windows(self.window, self.hop).window_and_hop(X.rate_hz)[0]
+            self.window_ = Windows(self.window, self.hop).window_and_hop(rate_hz)[0]
         elif (frames := contract.frames_at_once(self.system_, sys.maxsize)) < sys.maxsize:
             self.window_ = frames
         return self
@@ -143,11 +165,12 @@ class Recipe(MostProbable):
         system, steps = clone(self.system), self.training_steps()
         if not _has_feature_step(system):
             seen, source = apply_steps(X, steps)
-            return system.fit(seen, y[source])
+            return contract.fit_system(system, seen, y[source])
         (name, features), *later_steps = system.steps
         stored = load_after_steps(features, X, tuple(steps)) if is_stateless(features) else None
         if stored is not None:
             table, source = select_stored_rows(stored, X.index)
+            del stored  # it may be large
             features.fit(X)
         else:
             seen, source = apply_steps(X, steps)
@@ -255,9 +278,39 @@ def apply_steps(X: Corpus, steps: list[Step]) -> tuple[Corpus, np.ndarray]:
 
 
 def split_causal_steps(system: contract.System) -> tuple[list[Step], contract.System]:
-    """Split a system into the causal steps for a whole recording and the system for windows."""
+    """Split a fitted system: the causal steps for a whole recording, the system for windows."""
     recipe = getattr(system, "whole_", system)
     if not isinstance(recipe, Recipe):
         return [], system
     causal = [step for step in recipe.prediction_steps() if not isinstance(step, Windows)]
     return causal, recipe.system_
+
+
+def split_training(system: contract.System) -> tuple[list[Step], list[Step], Recipe]:
+    """Split an untrained system: steps that damage, causal steps, and the recipe for windows."""
+    recipe = getattr(system, "whole", system)
+    if not isinstance(recipe, Recipe):
+        return [], [], Recipe(system)
+    damaging = [step for step in recipe.training_steps() if isinstance(step, DamagedCopies)]
+    causal = [step for step in recipe.prediction_steps() if not isinstance(step, Windows)]
+    return damaging, causal, replace(recipe, faults=(), repair=(), scale="none")
+
+
+def _join_parts(parts: Sequence[Corpus]) -> Corpus:
+    """Join captures of the same sensor; frames that some of them share are not copied again."""
+    frames, starts, first = [], [], 0
+    for part_frames, part_starts in map(shared_frames, parts):
+        frames.append(part_frames)
+        starts.append(first + part_starts)
+        first += len(part_frames)
+    fields = {
+        name: np.concatenate([getattr(part, name) for part in parts])
+        for name in ("lengths", "index", "piece")
+    }
+    tables = [part.captures for part in parts]
+    return parts[0].with_fields(
+        frames=np.concatenate(frames),
+        starts=np.concatenate(starts),
+        captures=pd.concat(tables, ignore_index=True),
+        **fields,
+    )

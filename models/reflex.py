@@ -162,6 +162,11 @@ class Reflex(MostProbable):
         return 6 * taxels
 
     @property
+    def whole(self) -> Recipe:
+        """The untrained system for whole windows."""
+        return self._make_recipes()[0]
+
+    @property
     def members(self) -> list[Recipe]:
         """The two classifiers."""
         return [self.whole_, self.early_]

@@ -89,13 +89,15 @@ class Discriminants(MostProbable):
     def fit(self, X: pd.DataFrame | np.ndarray, y: np.ndarray) -> Discriminants:
         """Learn from features [rows, n_features] and class names [rows]."""
         self.classes_, codes = np.unique(y, return_inverse=True)
-        Z = np.asarray(X, dtype=np.float64)
+        Z = np.array(X, dtype=np.float64)  # a copy, changed in place to save memory
         self.n_features_in_ = Z.shape[1]
         row_weights = np.where(undamaged_rows(X), 1.0, self.damaged)
         mean = row_weights @ Z / row_weights.sum()
-        sd = np.sqrt(row_weights @ (Z - mean) ** 2 / row_weights.sum())
-        sd[is_constant(Z)] = np.inf
-        Z = (Z - mean) / sd
+        constant = is_constant(Z)
+        Z -= mean
+        sd = np.sqrt(row_weights @ Z**2 / row_weights.sum())
+        sd[constant] = np.inf
+        Z /= sd
         class_means, weights = mean_by_code(Z, codes, row_weights)
         Z -= class_means[codes]
         scatter = self.weighted_scatter(Z, capture_of_rows(X), row_weights)
@@ -182,7 +184,9 @@ def mean_by_code(
     order = np.argsort(codes, kind="stable")
     first = np.flatnonzero(np.diff(codes[order], prepend=-1))
     weights = np.add.reduceat(row_weights[order], first)
-    sums = np.add.reduceat(values[order] * row_weights[order][:, None], first)
+    ordered = values[order]
+    ordered *= row_weights[order][:, None]
+    sums = np.add.reduceat(ordered, first)
     return sums / weights[:, None], weights
 
 

@@ -67,7 +67,10 @@ class Perceptron(MostProbable):
         row_weights = np.where(undamaged_rows(X), 1.0, self.damaged)
         shares = row_weights / row_weights.sum()
         self.mean_ = (shares @ Z).astype(np.float32)
-        self.scale_ = np.sqrt(shares @ (Z - self.mean_) ** 2).astype(np.float32)
+        squares = Z - self.mean_
+        np.square(squares, out=squares)
+        self.scale_ = np.sqrt(shares @ squares).astype(np.float32)
+        del squares
         self.scale_[is_constant(Z) | (self.scale_ == 0)] = np.inf
         inputs, target = torch.from_numpy(self._standardise(Z)), torch.from_numpy(codes)
         cumulative = np.cumsum(shares)
@@ -104,7 +107,10 @@ class Perceptron(MostProbable):
 
     def _standardise(self, Z: np.ndarray) -> np.ndarray:
         """Standardise, replace NaN by the mean, clip [rows, features]."""
-        return np.nan_to_num((Z - self.mean_) / self.scale_, nan=0.0).clip(-self.clip, self.clip)
+        units = Z - self.mean_
+        units /= self.scale_
+        np.nan_to_num(units, copy=False, nan=0.0)
+        return np.clip(units, -self.clip, self.clip, out=units)
 
     def hidden_activations(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
         """Rectified units [rows, units], in double precision so that other rows do not matter."""

@@ -40,6 +40,15 @@ def test_decisions_are_those_on_each_window_alone(system, corpus):
     np.testing.assert_allclose(proba, again, rtol=1e-5, atol=1e-7)
 
 
+@pytest.mark.parametrize("name", ["jung28", "series"])
+def test_parts_that_come_one_after_the_other_are_learned_like_all_at_once(name, corpus):
+    inner = {"jung28": lambda: lda(Jung28()), "series": COMPOSED["series"]}[name]()
+    recipe = Recipe(inner, window=0.1, repair=("dead",), faults=("noise",), copies=2)
+    at_once = recipe.fit(corpus, corpus.gestures).predict_proba(corpus)
+    parts = (corpus[i : i + 5] for i in range(0, len(corpus), 5))
+    assert np.array_equal(recipe.fit_parts(parts).predict_proba(corpus), at_once)
+
+
 def test_steps_are_taken_one_after_the_other(corpus):
     steps = [DamagedCopies(("noise",), 2), Repair(("offset", "dead")), Scale("peak"), Windows(0.1)]
     seen, row = apply_steps(corpus, steps)

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 import pandas as pd
 
 from bench import contract
-from bench.corpora.corpus import Corpus, shared_frames
-from bench.models.recipe import split_causal_steps
+from bench.corpora.corpus import COPY, Corpus, shared_frames
+from bench.corpora.windows import Step
+from bench.features.signals import capture_blocks
+from bench.models.recipe import apply_steps, split_causal_steps, split_training
 from touchbench_streams.disturbed import NAMING_KINDS, disturb_recordings
 from touchbench_streams.recordings import Recordings
 
 BEGINNINGS_S = (0.7, 2.0, np.inf)  # of training touches, that a system learns from
+DAMAGED_S = (0.7, np.inf)  # the same of damaged copies of touches, which are many
 SHIFTS_S = (-0.125, 0.0, 0.125)  # of their starts, as a detector is early or late
+BLOCK_VALUES = 1 << 20  # readings of touches that are damaged at once
 LONGEST_S = 3.0  # of a part that a touch is named from; chosen on HAART among 2, 3 and 4
 
 
@@ -58,31 +62,47 @@ def fit_names(
     It also learns from every second recording with each kind of disturbance, with a shift for each
     kind.
     """
+    damaging, steps, recipe = split_training(make_system())
     # with the frames of these recordings alone
     corpus = recordings.corpus.with_fields(frames=recordings.corpus.frames)
-    parts = [cut_touches(Recordings(corpus, recordings.events), BEGINNINGS_S, SHIFTS_S)]
+    recordings = Recordings(corpus, recordings.events)
+    return recipe.fit_parts(_training_parts(recordings, damaging, steps))
+
+
+def _training_parts(
+    recordings: Recordings, damaging: Sequence[Step], steps: Sequence[Step]
+) -> Iterator[Corpus]:
+    """Yield the touches that names are learned from, after steps, in parts that fit in memory."""
+    count = 0
+    for cuts, copy in _cut_after_steps(recordings, damaging, steps):
+        index = np.arange(count, count + len(cuts))
+        piece = np.full(len(cuts), copy * COPY)
+        count += len(cuts)
+        yield cuts.with_fields(index=index, piece=piece, steps=(*damaging, *steps))
+
+
+def _cut_after_steps(
+    recordings: Recordings, damaging: Sequence[Step], steps: Sequence[Step]
+) -> Iterator[tuple[Corpus, int]]:
+    """Yield beginnings of touches after steps, and 1 for those of damaged copies, 0 for others."""
+    corpus, events = recordings.corpus, recordings.events
+    stepped = Recordings(apply_steps(corpus, [*steps])[0], events)
+    yield cut_touches(stepped, BEGINNINGS_S, SHIFTS_S), 0
     for k, (kind, shift) in enumerate(zip(NAMING_KINDS, SHIFTS_S, strict=True)):
         half = np.arange(k % 2, len(corpus), 2)
         if len(half):
-            copy = Recordings(disturb_recordings(corpus, kind, half), recordings[half].events)
-            parts.append(cut_touches(copy, BEGINNINGS_S, (shift,)))
-    frames, starts, first = [], [], 0
-    for part_frames, part_starts in map(shared_frames, parts):
-        frames.append(part_frames)
-        starts.append(first + part_starts)
-        first += len(part_frames)
-    count = sum(map(len, parts))
-    captures = corpus.with_fields(
-        frames=np.concatenate(frames),
-        starts=np.concatenate(starts),
-        lengths=np.concatenate([part.lengths for part in parts]),
-        captures=pd.concat([part.captures for part in parts], ignore_index=True),
-        index=np.arange(count),
-        piece=np.zeros(count, np.int64),
-        digest="",
-        path=None,
-    )
-    return make_system().fit(captures, captures.gestures)
+            disturbed = apply_steps(disturb_recordings(corpus, kind, half), [*steps])[0]
+            copy = Recordings(disturbed, recordings[half].events)
+            yield cut_touches(copy, BEGINNINGS_S, (shift,)), 0
+    if not damaging:
+        return
+    touches = cut_touches(recordings, (np.inf,), (0.0,))
+    for block in capture_blocks(touches, BLOCK_VALUES):
+        copies = apply_steps(touches[block], [*damaging])[0]
+        copies = apply_steps(copies[copies.piece >= COPY], [*steps])[0]
+        ends = {"recording": np.arange(len(copies)), "start": 0, "end": copies.lengths}
+        events = pd.DataFrame(ends).assign(gesture=copies.gestures)
+        yield cut_touches(Recordings(copies, events), DAMAGED_S, (0.0,)), 1
 
 
 def name_probabilities(

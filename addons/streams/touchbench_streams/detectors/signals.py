@@ -148,5 +148,8 @@ def _past_extreme(extreme: Callable[..., np.ndarray], series: np.ndarray, size: 
 
 def _running_median(series: np.ndarray, size: int) -> np.ndarray:
     """The median of the last ``size`` ticks [ticks, ...]."""
-    padded = np.concatenate([np.repeat(series[:1], size - 1, axis=0), series])
-    return np.median(np.lib.stride_tricks.sliding_window_view(padded, size, axis=0), axis=-1)
+    if series.ndim > 1:
+        return np.stack([_running_median(column, size) for column in series.T], axis=1)
+    place = {"origin": (size - 1) // 2, "mode": "nearest"}
+    low, high = (rank_filter(series, rank, size, **place) for rank in ((size - 1) // 2, size // 2))
+    return (low + high) / 2
