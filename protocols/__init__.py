@@ -5,6 +5,7 @@
 
 PARTS = {
     "loso": "bench.protocols.subjects:LOSO",
+    "sessions": "bench.protocols.subjects:Sessions",
     "groupkfold": "bench.protocols.subjects:SubjectKFold",
     "challenge": "bench.protocols.challenge:Challenge",
     "kfold": "bench.protocols.captures:CaptureKFold",

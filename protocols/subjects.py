@@ -83,3 +83,43 @@ class SubjectKFold(CaptureSplitter):
             raise InputError(f"protocol.folds={self.folds}: {X.name} has {count} here; {advice}")
         splitter = GroupKFold(self.folds, shuffle=True, random_state=self.seed)
         yield from splitter.split(groups, groups=groups)
+
+
+@dataclass(eq=False, repr=False)
+class Sessions(CaptureSplitter):
+    """Leave one subject out, test each of this subject's sessions, and train on the others.
+
+    Args:
+        column: the condition that tells sessions apart.
+    """
+
+    column: str = "session"
+
+    def label(self, corpus: Corpus) -> str:
+        """Protocol label of every row of results."""
+        return f"LOSO, other {self.column} ({len(set(corpus.subjects))} subjects)"
+
+    def split(self, X: Corpus, y: object = None, groups: np.ndarray | None = None) -> Folds:
+        """Yield (train, test) capture indices, subjects and sessions in natural order.
+
+        Raises:
+            InputError: captures have no such column, or only one subject or session.
+        """
+        groups = np.asarray(X.subjects if groups is None else groups)
+        if self.column not in X.captures:
+            columns = ", ".join(map(str, X.captures))
+            raise InputError(
+                f"protocol.column={self.column}: {X.name} has no such column, but {columns}"
+            )
+        sessions = X.captures[self.column].astype(str).to_numpy(object)
+        names = sort_naturally(groups)
+        for what, values in (("subject", groups), (self.column, sessions)):
+            if len(set(values)) < 2:
+                raise InputError(
+                    f"protocol=sessions: {X.name} has one {what} here, two are needed; widen where="
+                )
+        for name in names:
+            for session in sort_naturally(sessions[groups == name]):
+                test = (groups == name) & (sessions == session)
+                train = (groups != name) & (sessions != session)
+                yield np.flatnonzero(train), np.flatnonzero(test)

@@ -21,6 +21,7 @@ from bench.values.result import format_count
 from bench.values.sentences import template_environment
 from touchbench_builder import systems
 from touchbench_builder.bounds import SPREAD
+from touchbench_builder.sessions import find_session_column, measure_session_cost
 from touchbench_builder.stream import (
     bounds_of_counts,
     bounds_of_gestures,
@@ -46,7 +47,6 @@ if TYPE_CHECKING:
 CERTIFICATE_VERSION = 2
 MAX_LOSS = 10.0  # points of accuracy: a system survives a fault that costs less
 FAULT_COLUMNS = ("touches_found", "false_alarms_per_hour")  # told of a stream under a fault
-SESSION_COLUMNS = ("session", "day", "sitting", "date", "visit")  # columns that tell days apart
 
 
 def make_certificate(
@@ -68,6 +68,7 @@ def make_certificate(
     """
     progress.start_step(f"{choice.name} under faults of the sensor")
     faults = _fault_losses(on, scene, choice)
+    sessions = measure_session_cost(corpus, on, choice)
     progress.start_step(f"{choice.name} on all captures")
     run_id, recogniser, numbers, without = train_chosen(on, choice)
     stream = None
@@ -114,7 +115,7 @@ def make_certificate(
         "faults": faults,
         "operating_points": operating_points(recogniser),
         "no_stream": no_stream,
-        "unknown": unknown_sentences(corpus),
+        "unknown": unknown_sentences(corpus, sessions is not None),
     }
     return recogniser, facts
 
@@ -204,7 +205,7 @@ def operating_points(recogniser: Recogniser) -> dict[str, Any] | None:
     return {"background_minutes": round(minutes, 1), "soonest_ms": round(soonest), "points": points}
 
 
-def unknown_sentences(corpus: Corpus) -> list[str]:
+def unknown_sentences(corpus: Corpus, tells_sessions: bool) -> list[str]:
     """What the captures can't tell, in sentences."""
     people, captures = len(set(corpus.subjects)), corpus.captures
     sentences = []
@@ -221,11 +222,11 @@ def unknown_sentences(corpus: Corpus) -> list[str]:
             sentences.append(
                 f"All captures have {column} {value}; nothing is known of another one."
             )
-    if not {*map(str.lower, columns)} & {*SESSION_COLUMNS}:
-        sentences.append(
-            "No column names sessions: nothing is known of the same people and sensor on another "
-            "day."
-        )
+    if not tells_sessions:
+        reason = "No column names two sessions of people enough"
+        if column := find_session_column(corpus):
+            reason = f"The column {column} has not two values with people enough in both"
+        sentences.append(f"{reason}: nothing is known of the same sensor on another day.")
     if corpus.synthetic:
         sentences.append("The captures are generated. They say nothing about people.")
     sentences.append(

@@ -1,0 +1,77 @@
+"""What another session costs: people left out, trained on one session and tested on the other."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+from bench.corpora.corpus import Corpus
+from bench.errors import InputError
+from bench.values.intervals import mean_interval
+from bench.values.measures import value_or_none
+from bench.values.scores import label_captures
+from touchbench_builder.systems import WATCH, ChosenSystem, make_plan, run_plan
+
+if TYPE_CHECKING:
+    from bench.values.result import Result
+
+SESSION_COLUMNS = ("session", "day", "sitting", "date", "visit")  # columns that tell days apart
+
+
+def find_session_column(corpus: Corpus) -> str:
+    """The condition that names sessions, "" if there is none."""
+    columns = [str(name) for name in corpus.captures if str(name).lower() in SESSION_COLUMNS]
+    return next(iter(columns), "")
+
+
+def measure_session_cost(
+    corpus: Corpus, on: Mapping[str, Any], choice: ChosenSystem
+) -> dict[str, Any] | None:
+    """Points that a chosen system loses in another session than it was trained on.
+
+    Each person is left out: trained and tested on one of two sessions, and trained on one and
+    tested on the other. None unless there are two sessions, and people enough in each.
+
+    Returns:
+        Column, values, people, shares of right labels in the ``same`` and in the ``other`` session,
+        ``cost`` in points with its 95 % interval ``low`` and ``high``.
+    """
+    column = find_session_column(corpus)
+    values = corpus.captures[column].dropna().unique().tolist() if column else []
+    if len(values) != 2:
+        return None
+    keys, command = {**on, **choice.values}, WATCH if choice.watched is not None else "run"
+    try:
+        across = {"protocol": "sessions", "protocol.column": column}
+        other = _count_right(run_plan(*make_plan(keys | across, command)))
+        parts = []
+        for value in values:
+            where = f"{column} == {value!r}"
+            where = f"({on['where']}) and {where}" if on.get("where") else where
+            within = keys | {"protocol": "loso", "where": where}
+            parts.append(_count_right(run_plan(*make_plan(within, command))))
+    except InputError:  # a session lacks people or gestures
+        return None
+    same = pd.concat(parts).groupby(level=0).sum()
+    shares = pd.DataFrame({"same": same["right"] / same["total"]})
+    shares["other"] = other["right"] / other["total"]
+    shares = 100 * shares.dropna()
+    costs = (shares["same"] - shares["other"]).to_numpy()
+    low, high = mean_interval(costs)
+    ends = {"low": value_or_none(round(low, 1)), "high": value_or_none(round(high, 1))}
+    means = {name: round(float(shares[name].mean()), 1) for name in shares}
+    found = {"column": column, "values": [*map(str, values)], "people": len(shares)}
+    return found | means | {"cost": round(float(costs.mean()), 1), **ends}
+
+
+def _count_right(result: Result) -> pd.DataFrame:
+    """Right labels, and all, of each person: right, total."""
+    if "touches" in result.tables:
+        table = result.tables["touches"].rename(columns={"end_correct": "right"})
+    else:
+        table = label_captures(result.tables["predictions"])
+        table = table.assign(right=table["true"].astype(str) == table["predicted"].astype(str))
+    people = table["subject"].astype(str)
+    return table.groupby(people)["right"].agg(right="sum", total="size")
