@@ -15,7 +15,7 @@ from sklearn.model_selection import (
 from bench.errors import InputError
 from bench.protocols.captures import CaptureKFold, Holdout, LeaveOneCapture, RepeatedKFold, Within
 from bench.protocols.challenge import Challenge
-from bench.protocols.subjects import LOSO, SubjectKFold
+from bench.protocols.subjects import LOSO, Sessions, SubjectKFold
 from tests.conftest import random_corpus
 
 
@@ -47,6 +47,25 @@ def test_captures_of_ragged_subjects_are_split_as_scikit_learn_does(seed):
         ),
     ):
         assert pairs(protocol.split(corpus)) == pairs(splitter.split(y, y, groups))
+
+
+def test_sessions_of_a_person_are_tested_with_other_people_in_other_sessions():
+    corpus = random_corpus(subjects=3, per_class=4)
+    session = np.array(["a", "b", "c"])[np.arange(len(corpus)) % 3]
+    corpus = corpus.with_fields(captures=corpus.captures.assign(day=session))
+    folds = list(Sessions("day").split(corpus))
+    tested = [(corpus.subjects[test[0]], session[test[0]]) for _, test in folds]
+    assert tested == [(person, day) for person in "123" for day in "abc"]
+    for train, test in folds:
+        apart = (corpus.subjects != corpus.subjects[test[0]]) & (session != session[test[0]])
+        np.testing.assert_array_equal(train, np.flatnonzero(apart))
+    np.testing.assert_array_equal(
+        np.sort(np.concatenate([test for _, test in folds])), np.arange(len(corpus))
+    )
+    with pytest.raises(InputError, match="no such column"):
+        next(Sessions().split(corpus))
+    with pytest.raises(InputError, match="one day here"):
+        next(Sessions("day").split(corpus[session == "a"]))
 
 
 def test_loso_leaves_subjects_out_in_natural_order():
