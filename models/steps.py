@@ -18,13 +18,18 @@ from bench.corpora.faults import FAULTS, SEVERITIES, as_readings, as_shares, see
 from bench.corpora.windows import Step
 from bench.errors import InputError, check_value, suggest_names
 
-REPAIRS = ("stuck", "dead", "offset")
+REPAIRS = ("stuck", "dead", "offset", "noise")
 SCALES = ("none", "peak", "log")
 LOG_FACTOR = 1000.0  # a reading of 1/1000 of full scale becomes a tenth of it
 MAX_COPIES = 2**20 - 1  # damaged ones of a capture; numbers of turned ones lie above in the piece
 MOUNTINGS = 8  # of a square grid: mirrored or not, turned by quarters
 SETTLED_S = 0.25  # a taxel that has not changed for this long is not touched, or broken
 FILL_PASSES = 3  # broken taxels without a sound neighbour are filled from filled ones
+DENOISED_FRAMES = 5  # of which the mean is taken; the middle one is denoised
+NOISE_STEPS = 32  # from frame to frame, in which noise is measured
+STEP_MEMORY = NOISE_STEPS + DENOISED_FRAMES  # frames that a repaired one depends on, with extremes
+QUIET_PART = 4  # noise is the level below which a quarter of the rows and columns are
+DENOISED_VALUES = 1 << 20  # readings that are denoised at once
 
 
 class _CopyingStep(Step):
@@ -143,7 +148,10 @@ class Repair(Step):
     ``stuck``: a taxel has read full scale in every frame so far; or one single value for a quarter
     of a second, above all taxels that have varied. ``dead``: one single value for a quarter of a
     second, while more than half of its neighbours have varied. ``offset``: the lowest value so far
-    of each taxel is subtracted, and with it a touch that lasts from the start.
+    of each taxel is subtracted, and with it a touch that lasts from the start. ``noise``: readings
+    go to the mean of the five frames and nine taxels about them, as far as these vary no more than
+    the sensor's noise, which is measured in the quieter rows and columns of the last 32 steps; the
+    result comes two frames late.
     """
 
     kinds: tuple[str, ...]
@@ -154,8 +162,16 @@ class Repair(Step):
         check_value("model.repair", "+".join(self.kinds), is_valid, advice)
 
     def kept_numbers(self, taxels: int) -> int:
-        """Per taxel: extreme values, flags (varied, sound), mean of neighbours; its offset."""
-        return (5 * bool({"stuck", "dead"} & set(self.kinds)) + ("offset" in self.kinds)) * taxels
+        """Per taxel: extreme values, flags (varied, sound), mean of neighbours; its offset.
+
+        To denoise: frames, their mean and variance; steps of rows and columns, of which there are
+        at most one more than taxels.
+        """
+        is_filled = bool({"stuck", "dead"} & set(self.kinds))
+        numbers = (5 * is_filled + ("offset" in self.kinds)) * taxels
+        if "noise" in self.kinds:
+            numbers += (DENOISED_FRAMES + 2) * taxels + NOISE_STEPS * (taxels + 1)
+        return numbers
 
     def __call__(self, corpus: Corpus) -> Corpus:
         """Repaired captures, float32."""
@@ -186,6 +202,8 @@ class Repair(Step):
             frames[rows] = _fill_broken(frames[rows], is_broken[rows])
         if "offset" in self.kinds:
             frames -= _running_extreme(np.minimum, frames)
+        if "noise" in self.kinds:
+            frames[:] = _denoise(frames)
 
 
 def _running_extreme(extreme: np.ufunc, frames: np.ndarray) -> np.ndarray:
@@ -220,6 +238,55 @@ def _fill_broken(frames: np.ndarray, is_broken: np.ndarray) -> np.ndarray:
         values[is_fillable] = mean[is_fillable]
         is_sound[is_fillable] = 1
     return values
+
+
+def _denoise(frames: np.ndarray) -> np.ndarray:
+    """Denoise frames by a Wiener filter, each from itself and frames before, two frames late."""
+    noise, denoised = _measure_noise(frames), np.empty(frames.shape, dtype=np.float32)
+    size = max(1, DENOISED_VALUES // frames[0].size)
+    for first in range(0, len(frames), size):
+        before = min(first, DENOISED_FRAMES - 1)
+        part = frames[first - before : first + size].astype(np.float64)
+        age = np.arange(first - before, first - before + len(part))
+        denoised[first : first + size] = _filter_frames(part, age, noise[age])[before:]
+    return denoised
+
+
+def _filter_frames(frames: np.ndarray, age: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """Move each reading to the mean about it, by the share that noise has in the variance there.
+
+    Args:
+        frames: consecutive frames of a capture, float64 [frames, rows, cols].
+        age: frames of the capture before each.
+        noise: variance of the noise by each frame [frames].
+    """
+    count = np.minimum(age + 1, DENOISED_FRAMES)[:, None, None]
+    earlier = [frames[: len(frames) - k] for k in range(min(DENOISED_FRAMES, len(frames)))]
+    mean, square = np.zeros(frames.shape), np.zeros(frames.shape)
+    for k, ones in enumerate(earlier):
+        mean[k:] += ones
+    mean /= count
+    for k, ones in enumerate(earlier):
+        square[k:] += (ones - mean[k:]) ** 2
+    square = square / count + mean * mean
+    places = sum_neighbours(np.ones(frames[:1].shape)) + 1
+    mean_around = (sum_neighbours(mean) + mean) / places
+    variance = (sum_neighbours(square) + square) / places - mean_around**2
+    excess = np.maximum(variance - noise[:, None, None], 0)
+    kept = excess / np.where(excess > 0, variance, 1)
+    middle = frames[np.maximum(np.arange(len(frames)) - np.minimum(age, DENOISED_FRAMES // 2), 0)]
+    return mean_around + kept * (middle - mean_around)
+
+
+def _measure_noise(frames: np.ndarray) -> np.ndarray:
+    """Variance of the sensor's noise by the last `NOISE_STEPS` steps to each frame [frames]."""
+    squares = np.diff(frames, axis=0, prepend=frames[:1]) ** 2
+    lines = np.concatenate([squares.mean(axis=2), squares.mean(axis=1)], axis=1) / 2.0
+    sums = np.zeros(lines.shape)
+    for k in range(min(NOISE_STEPS, len(frames))):
+        sums[k:] += lines[: len(frames) - k]
+    steps = np.clip(np.arange(len(frames)), 1, NOISE_STEPS)  # 0 to the first frame
+    return np.sort(sums, axis=1)[:, (lines.shape[1] - 1) // QUIET_PART] / steps
 
 
 @dataclass(frozen=True)

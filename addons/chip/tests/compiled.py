@@ -37,6 +37,7 @@ WINDOW = {"window": 0.4, "repair": ("stuck", "dead")}
 SYSTEMS = {
     "reflex": lambda: Reflex(units=6, copies=1, window=0.4, early=0.2),
     "lda": lambda: Recipe(lda(TouchFeatures()), **WINDOW),
+    "lda denoised": lambda: Recipe(lda(TouchFeatures()), window=0.4, repair=("dead", "noise")),
     "lda scaled": lambda: Recipe(
         lda(TouchFeatures()), window=0.4, repair=("offset",), scale="peak"
     ),

@@ -84,6 +84,70 @@ static void repair(touch_t *t, float *x)
 }
 #endif
 
+#if REPAIR_NOISE
+/* Variance of the noise, by the last steps; a quarter of the rows and columns have less. */
+static float measure_noise(touch_t *t, const float *x, const float *before)
+{
+    float *newest = t->steps[t->newest_step], sums[ROWS + COLS] = {0};
+    t->newest_step = (t->newest_step + 1) % NOISE_STEPS;
+    t->held_steps += t->held_steps < NOISE_STEPS;
+    for (int k = 0; k < ROWS + COLS; k++)
+        newest[k] = 0;
+    for (int i = 0; i < TAXELS; i++) {
+        float square = (x[i] - before[i]) * (x[i] - before[i]) / 2;
+        newest[i / COLS] += square / COLS;
+        newest[ROWS + i % COLS] += square / ROWS;
+    }
+    for (int step = 0; step < t->held_steps; step++)
+        for (int k = 0; k < ROWS + COLS; k++)
+            sums[k] += t->steps[step][k];
+    for (int k = 0; k < ROWS + COLS; k++) {
+        int less = 0, same = 0;
+        for (int l = 0; l < ROWS + COLS; l++) {
+            less += sums[l] < sums[k];
+            same += sums[l] == sums[k];
+        }
+        if (less <= QUIET && QUIET < less + same)
+            return sums[k] / (float)t->held_steps;
+    }
+    return 0;
+}
+
+/* The middle one of the last frames; each reading goes to the mean about it by the share of noise in the variance. */
+static void denoise(touch_t *t, float *x)
+{
+    float noise = t->held ? measure_noise(t, x, t->recent[t->newest]) : 0;
+    t->newest = t->held ? (t->newest + 1) % DENOISED : 0;
+    t->held += t->held < DENOISED;
+    int back = t->held > DENOISED / 2 ? DENOISED / 2 : t->held - 1;
+    const float *middle = t->recent[(t->newest + DENOISED - back) % DENOISED];
+    for (int i = 0; i < TAXELS; i++) {
+        float mean = 0, variance = 0;
+        t->recent[t->newest][i] = x[i];
+        for (int k = 0; k < t->held; k++)
+            mean += t->recent[k][i] / (float)t->held;
+        for (int k = 0; k < t->held; k++)
+            variance += (t->recent[k][i] - mean) * (t->recent[k][i] - mean) / (float)t->held;
+        t->mean[i] = mean;
+        t->variance[i] = variance;
+    }
+    for (int i = 0; i < TAXELS; i++) {
+        int row = i / COLS, top = row > 0 ? row - 1 : 0, bottom = row + 1 < ROWS ? row + 1 : row;
+        int col = i % COLS, left = col > 0 ? col - 1 : 0, right = col + 1 < COLS ? col + 1 : col;
+        float count = (float)((bottom - top + 1) * (right - left + 1)), mean = 0, variance = 0;
+        for (int r = top; r <= bottom; r++)
+            for (int c = left; c <= right; c++)
+                mean += t->mean[r * COLS + c] / count;
+        for (int r = top; r <= bottom; r++)
+            for (int c = left; c <= right; c++) {
+                float away = t->mean[r * COLS + c] - mean;
+                variance += (t->variance[r * COLS + c] + away * away) / count;
+            }
+        x[i] = mean + (variance > noise ? (variance - noise) / variance * (middle[i] - mean) : 0);
+    }
+}
+#endif
+
 /* The readings of a frame as shares of full scale, after repair and scaling. */
 static void prepared(touch_t *t, float *x)
 {
@@ -97,6 +161,9 @@ static void prepared(touch_t *t, float *x)
         t->offset[i] = t->seen ? fminf(t->offset[i], x[i]) : x[i];
         x[i] -= t->offset[i];
     }
+#endif
+#if REPAIR_NOISE
+    denoise(t, x);
 #endif
 #if SCALE_PEAK
     for (int i = 0; i < TAXELS; i++)
