@@ -22,7 +22,7 @@ from bench.values.measures import Cost, Interval, all_costs, costs_of_run_kind
 from bench.values.result import CONDITIONS_TAG, Result, comparison_key, format_count, seed_number
 from bench.values.sentences import render_sentences
 
-TAGS = {  # columns of a candidate that repeat a tag of its last run
+TAGS = {  # columns of a candidate that repeat a tag of its run of the lowest seed
     "command": "touchbench.command",
     "arguments": "touchbench.arguments",
     "conditions": CONDITIONS_TAG,
@@ -205,12 +205,12 @@ def _ways_of_systems(
 def _describe_way(way: Way, system_costs: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
     """The row of a candidate, without its numbers."""
     candidate, runs = way[0][0], [r for _, r in way]
-    last = max(runs, key=lambda r: r["started"])
-    shared = system_costs[str(last["system"])].items()
+    first = runs[0]  # of the lowest seed, which other commands repeat
+    shared = system_costs[str(first["system"])].items()
     linked = any(r.metrics.get(name, value) != value for r in runs for name, value in shared)
-    row: dict[str, Any] = {"system": last.system, "unit": candidate.unit}
+    row: dict[str, Any] = {"system": first.system, "unit": candidate.unit}
     row |= {"mark": candidate.mark, "whole": candidate.whole}
-    row |= {column: str(last.get(name, "")) for column, name in TAGS.items()}
+    row |= {column: str(first.get(name, "")) for column, name in TAGS.items()}
     row["linked"] = linked or "flash" in candidate.stored
     row["shipped"] = json.dumps(dict(candidate.fit_keys))
     row["cpu"] = ", ".join(sorted({r["cpu"] for r in runs}))

@@ -185,7 +185,13 @@ def percents(labelled):
 def test_seeds_are_averaged():
     tables = [make_predictions(per_class=2, seed=seed) for seed in (0, 1)]
     seeds = [
-        run("rf", table, flash_bytes=4000.0 + 2000 * s, seed=str(s))
+        run(
+            "rf",
+            table,
+            flash_bytes=4000.0 + 2000 * s,
+            seed=str(s),
+            **{"touchbench.arguments": f'{{"seed": "{s}"}}'},
+        )
         for s, table in enumerate(tables)
     ]
     other = run("lda", **{"touchbench.conditions": "cover", "cpu": "two"})
@@ -198,6 +204,7 @@ def test_seeds_are_averaged():
         2,
         2,
     ]
+    assert among.table["arguments"][1] == '{"seed": "0"}'  # also if seed 1 was run last
     one, other = (percents(table) for table in tables)
     assert among.subjects.loc[1].to_dict() == pytest.approx(
         {s: (one[s] + other[s]) / 2 for s in one}
