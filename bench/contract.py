@@ -422,6 +422,16 @@ def check_methods(name: str, estimator: System) -> None:
             continue
 
 
+def check_sklearn_values(name: str, estimator: System) -> None:
+    """Refuse parameter values that an estimator of scikit-learn inside a system would refuse."""
+    for part in parts_of(estimator):
+        if hasattr(part, "_validate_params") and hasattr(part, "_parameter_constraints"):
+            try:
+                part._validate_params()
+            except ValueError as e:
+                raise InputError(f"model={name}: {e}") from e
+
+
 def fit_system(estimator: Estimator, X: Corpus, y: np.ndarray) -> Estimator:
     """Fit a system, whatever its ``fit`` returns, and check its ``classes_``; return it.
 

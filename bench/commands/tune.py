@@ -13,7 +13,7 @@ from bench.grammar.options import make_executor, typed_settings
 from bench.ground.registry import parameter_defaults
 from bench.ground.typed import DEFAULTS, Values, format_value, parse_value, split_values
 from bench.models.space import Space, Tuning
-from bench.plan.cells import Cell
+from bench.plan.cells import Cell, Part
 from bench.plan.grid import accepted_parameters, make_cells, refuse_unknown
 from bench.plan.plan import make_plans
 from bench.values.result import Result
@@ -95,13 +95,13 @@ def _make_searchable_cells(values: Values) -> list[Cell]:
     return cells
 
 
-def _parse_list(name: str, listed: object, default: object) -> list[object]:
+def _parse_list(model: Part, name: str, listed: object, default: object) -> list[object]:
     """Parse listed values of a parameter, each of the type of the default.
 
     Several names together stay joined by +.
     """
     key = f"model.{name}"
-    values = [parse_value(key, value, default) for value in split_values(key, listed)]
+    values = [model.parse(key, value, default) for value in split_values(key, listed)]
     values = [format_value(value) if isinstance(value, tuple) else value for value in values]
     if repeated := [value for value in values if values.count(value) > 1]:
         raise InputError(
@@ -115,7 +115,9 @@ def _search_of_best(
 ) -> Tuning:
     """Search the lists of parameters that have several values, else the declared ranges."""
     defaults = accepted_parameters("model", cell.model.factory)
-    space: Space = {k: _parse_list(k, v, defaults[k]) for k, v in listed.items() if k in defaults}
+    space: Space = {
+        k: _parse_list(cell.model, k, v, defaults[k]) for k, v in listed.items() if k in defaults
+    }
     if all(len(values) == 1 for values in space.values()):  # single values are fixed
         declared = contract.search_space(cell.model.factory)
         if declared is None:
@@ -154,7 +156,7 @@ def _search_of_smallest(cell: Cell, name: str, listed: object, inner: str) -> Tu
     if listed is None:
         sizes = {type(default)(default * share) for share in SHARES} - {0}
     else:
-        sizes = {*_parse_list(name, listed, default)}
+        sizes = {*_parse_list(cell.model, name, listed, default)}
     if not sizes:
         raise InputError(
             f"smallest={name}: its default is {default}; give values, such as model.{name}=1,2"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import math
 import os
 import re
 import shlex
@@ -179,6 +180,30 @@ def parse_value(key: str, value: object, example: object) -> Any:
     if isinstance(result, int) and abs(result) > largest:
         raise InputError(f"{key}={text[:60]}: give {largest} at most")
     return result
+
+
+def parse_open_value(key: str, value: object, default: object) -> Any:
+    """Read a value of a parameter of a user's part, whose default may have one of several types.
+
+    Beside text, such as ``gamma="scale"``, and None, a number may be typed, None beside text, and
+    text beside None. Other defaults fix the type, as for `parse_value`.
+    """
+    text = value if isinstance(value, str) else format_value(value)
+    if key.endswith("seed") or not isinstance(default, str | None) or _is_number(default or ""):
+        return parse_value(key, value, default)
+    if text == "None":
+        return None
+    if _is_number(text):
+        return parse_value(key, text, 0 if text.lstrip("+-").isdigit() else 0.0)
+    return text if isinstance(default, str) else BOOLEANS.get(text.lower(), text)
+
+
+def _is_number(text: str) -> bool:
+    """Return True for the text of a finite number."""
+    try:
+        return math.isfinite(float(text))
+    except ValueError:
+        return False
 
 
 def format_value(value: object) -> str:

@@ -19,7 +19,7 @@ from bench.ground.registry import (
     required_parameters,
 )
 from bench.ground.source import package_versions, source_digest
-from bench.ground.typed import DEFAULTS, format_value
+from bench.ground.typed import DEFAULTS, format_value, parse_open_value, parse_value
 from bench.plan import objects
 
 if TYPE_CHECKING:
@@ -56,6 +56,10 @@ class Part:
                 f"{self.name}: the file was changed while it was in use; start the command again"
             )
         return factory
+
+    def parse(self, key: str, value: object, default: object) -> Any:
+        """Read a typed value of a parameter; in a user's file, its default may fix no type."""
+        return (parse_open_value if self.module else parse_value)(key, value, default)
 
     def make_object(self) -> Any:
         """Make a protocol, a feature set, or another part that needs no further arguments."""

@@ -95,7 +95,8 @@ def make_part_variants(
         defaults["seed"] = seed
     texts = {name: text for name, text in dotted.items() if name in accepted}
     parts = []
-    for chosen in _combine_values(key, texts, accepted):
+    parse = Part(group, part, module=module).parse
+    for chosen in _combine_values(key, texts, accepted, parse):
         # A step that any model may have is a parameter only where it does something.
         changed = {k: v for k, v in chosen.items() if k in defaults or v != accepted[k]}
         parts.append(Part(group, part, defaults | changed, module=module))
@@ -135,15 +136,16 @@ def refuse_unknown(part: str, names: Iterable[str], accepted: Collection[str]) -
 
 
 def _combine_values(
-    key: str, texts: dict[str, object], defaults: dict[str, object]
+    key: str,
+    texts: dict[str, object],
+    defaults: dict[str, object],
+    parse: Callable[[str, object, object], Any] = parse_value,
 ) -> list[dict[str, object]]:
     """Combine the listed values of parameters, each of the type of its default."""
     lists = []
     for name, text in texts.items():
         dotted = f"{key}.{name}"
-        lists.append(
-            [parse_value(dotted, each, defaults[name]) for each in split_values(dotted, text)]
-        )
+        lists.append([parse(dotted, each, defaults[name]) for each in split_values(dotted, text)])
     return [dict(zip(texts, combination, strict=True)) for combination in itertools.product(*lists)]
 
 

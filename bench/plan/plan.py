@@ -215,6 +215,7 @@ def check_system(cell: Cell) -> contract.System:
     """Check the parameters of a system and of its feature sets; return it untrained, not to fit."""
     refuse_long_values(cell)
     contract.check_methods(cell.model.short_name, cell.untrained_system)
+    contract.check_sklearn_values(cell.model.short_name, cell.untrained_system)
     for part in (cell.untrained_system, *cell.feature_sets().values()):
         contract.check_parameters(part)
     return cell.untrained_system

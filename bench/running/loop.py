@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import io
 import json
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import redirect_stdout, suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 
 from bench import contract
 from bench.corpora.duplicates import describe_capture
 from bench.corpora.library import first_warnings, left_out_message
 from bench.errors import ClusterError
+from bench.ground.closed import close_corpora
 from bench.ground.progress import console, warn
 from bench.plan.plan import Plan
+from bench.running.audit import describe_difference, mean_probabilities
 from bench.running.bar import Bar
+from bench.running.fold import limit_threads, take_evenly
 from bench.running.tracking import (
     FOLDS,
     has_fold_files,
@@ -32,6 +39,7 @@ from bench.values.result import Result, format_count
 if TYPE_CHECKING:
     from mlflow.entities import Run
 
+FITTED_TWICE = 3  # captures of a class to which an own system is fitted twice
 NEWEST = 20  # runs among which a similar one is looked for: a store may have thousands
 FREE = ("seed", "protocol")  # similar runs may differ in these arguments and all dotted ones
 
@@ -61,6 +69,13 @@ def run_plans(
                 warn(line)
             store = connect(writes=True)
             stored, unfinished = find_stored_runs(store, plans)
+            for plan in {plan.cell.system_name(): plan for plan, _ in unfinished}.values():
+                if fits_differ(plan):
+                    warn(
+                        f"warning: {plan.cell.system_name()}: two fits to the same captures "
+                        "differ, so its numbers cannot be repeated; use a parameter seed as "
+                        "random_state"
+                    )
             count = len(stored) + len(unfinished)
             if stored:
                 line = f"{len(stored)} of {format_count(count, 'run')} already stored"
@@ -120,7 +135,12 @@ def _run_plan(store: Store, plan: Plan, workers: FoldExecutor, bar: Bar, grid: s
             return run.store_result()
         bar.begin_run(plan.cell.title(), len(plan.folds), [fold.name for fold in missing])
         try:
+            has_warned = False
             for fold_result in workers.run_folds(plan, missing):
+                if fold_result.printed and not has_warned:
+                    has_warned = True
+                    name = plan.cell.system_name()
+                    warn(f"{name} prints {fold_result.printed}, in a fold; jobs=1 shows them")
                 run.store_fold(fold_result)
                 bar.end_fold(fold_result)
         except (KeyboardInterrupt, ClusterError):
@@ -160,6 +180,31 @@ def warnings_of_plan(plan: Plan) -> list[str]:
     for extension in cell.extensions:
         lines += extension.warnings_of_plan(plan)
     return lines
+
+
+def fits_differ(plan: Plan) -> bool:
+    """Fit an own system twice to a few captures; return True if the predictions differ.
+
+    A system that fails on so few captures is left to its folds.
+    """
+    cell, corpus, fold = plan.cell, plan.corpus, plan.folds[0]
+    if not (cell.model.module or cell.objects) or cell.run_kind:
+        return False
+    labels = pd.Series(corpus.gestures[fold.train])
+    few = fold.train[labels.groupby(labels).cumcount() < FITTED_TWICE]
+    with (
+        suppress(Exception, SystemExit),
+        close_corpora(),
+        redirect_stdout(io.StringIO()),
+        warnings.catch_warnings(),
+        limit_threads(plan.threads),
+    ):
+        warnings.simplefilter("ignore")
+        part, tested = corpus[few], corpus[take_evenly(fold.test, FITTED_TWICE * labels.nunique())]
+        systems = [contract.fit_system(cell.estimator(), part, part.gestures) for _ in range(2)]
+        first, second = (mean_probabilities(system, tested) for system in systems)
+        return bool(describe_difference(first, second))
+    return False
 
 
 def find_stored_runs(

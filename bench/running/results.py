@@ -42,6 +42,7 @@ class FoldResult:
         default_factory=dict
     )  # ms of each timed decision, by name
     tracked_metrics: dict[str, float] = field(default_factory=dict)  # as its kind of run measures
+    printed: str = ""  # by its system: number of lines, and the first
     seconds: float = 0.0  # of the whole fold
     machine: Machine | None = None  # None if unknown
 

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import io
 import os
 import signal
 import sys
 import threading
 import time
+import warnings
 from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
 from typing import Any, Self
 
@@ -19,6 +21,7 @@ from joblib.externals.loky import get_reusable_executor
 
 from bench import contract
 from bench.corpora.corpus import Corpus
+from bench.errors import one_line
 from bench.ground.closed import close_corpora
 from bench.ground.machine import this_machine
 from bench.ground.progress import console
@@ -29,6 +32,9 @@ from bench.plan.plan import Fold, Plan, usable_cores
 from bench.running.evaluation import evaluate_fold
 from bench.running.fold import reset_peak_memory
 from bench.running.results import FoldResult, format_traceback
+from bench.values.result import format_count
+
+RESTARTED_WORKER = "A worker stopped while some jobs were given"
 
 
 class FoldExecutor:
@@ -91,7 +97,9 @@ class ProcessExecutor(FoldExecutor):
             most = count + 1 if count > 1 else 1
             while waiting and len(running) < most:
                 fold = waiting.popleft()
-                task = self.pool.submit(run_fold, plan.cell, plan.corpus, fold, plan.threads)
+                task = self.pool.submit(
+                    run_fold_silently, plan.cell, plan.corpus, fold, plan.threads
+                )
                 running[task] = fold, time.perf_counter()
             done = next(as_completed(running))
             fold, started = running.pop(done)
@@ -112,6 +120,8 @@ class ProcessExecutor(FoldExecutor):
         """Start worker processes with some threads each; equal ones of the last plan go on."""
         names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
         env = dict.fromkeys(names, str(threads))
+        # loky replaces a worker whose memory has grown; only its warning would be new to the user.
+        warnings.filterwarnings("ignore", RESTARTED_WORKER)
         self.pool = get_reusable_executor(
             count, timeout=60, initializer=_init_worker, initargs=(os.getpid(),), env=env
         )
@@ -144,6 +154,15 @@ def run_fold(cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult
     except BaseException:  # a system may raise anything; even `sys.exit` only fails its fold
         result = FoldResult(fold.name, error=format_traceback())
     result.seconds, result.machine = time.perf_counter() - started, this_machine()
+    return result
+
+
+def run_fold_silently(cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
+    """Run one fold; count what its system prints, which the lines of several folds would mix."""
+    with redirect_stdout(io.StringIO()) as printed:
+        result = run_fold(cell, corpus, fold, threads)
+    if lines := printed.getvalue().splitlines():
+        result.printed = f"{format_count(len(lines), 'line')}, such as {one_line(lines[0])}"
     return result
 
 

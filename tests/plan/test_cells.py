@@ -1,6 +1,7 @@
 """Arguments as cells: grids, parameters, and mistakes."""
 
 import resource
+from pathlib import Path
 
 import pytest
 
@@ -41,6 +42,56 @@ def test_a_comma_makes_a_grid_of_what_each_part_takes():
 def test_dotted_keys_set_parameters_by_the_type_of_their_default(line, part, name, values):
     found = [getattr(cell, part).parameters[name] for cell in cells_of(line)]
     assert found == values and list(map(type, found)) == list(map(type, values))
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "value"),
+    [
+        ("gamma", "0.03", 0.03),
+        ("gamma", "auto", "auto"),
+        ("gamma", "None", None),
+        ("depth", "4", 4),
+        ("depth", "0.5", 0.5),
+        ("depth", "sqrt", "sqrt"),
+        ("subject", "3", "3"),  # as its default is a number, it is a name
+        ("C", "2", 2.0),
+    ],
+)
+def test_a_number_may_be_typed_where_a_default_of_an_own_part_is_text_or_none(name, text, value):
+    Path("own.py").write_text(
+        "from sklearn.svm import SVC\n"
+        "def own(gamma='scale', depth=None, subject='1', C=1.0):\n    return SVC()\n"
+    )
+    (cell,) = cells_of(f"model=own.py:own model.{name}={text}")
+    read = cell.model.parameters[name]
+    assert (read, type(read)) == (value, type(value))
+    typed = cell.arguments()
+    (again,) = make_cells({**typed, "model": "own.py:own"})
+    assert again.model.parameters == cell.model.parameters
+
+
+def test_a_value_that_scikit_learn_refuses_is_refused_before_the_first_fold():
+    Path("own.py").write_text(
+        "from sklearn.pipeline import make_pipeline\nfrom sklearn.svm import SVC\n"
+        "def own(gamma='scale'):\n    return make_pipeline(SVC(gamma=gamma))\n"
+    )
+    with pytest.raises(InputError, match="model=own: The 'gamma' parameter of SVC must be"):
+        make_plans(cells_of("model=own.py:own model.gamma=wide data.subjects=3"), 1)
+
+
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [
+        ("def predict(self, X): pass", "it has no fit(X, y); write one"),
+        ("def fit(self, X, y): pass", "it has no predict(X); write one"),
+        ("def fit(self, X): pass\n    predict = fit", "fit cannot be called as fit(X, y): "),
+    ],
+)
+def test_a_class_without_its_methods_is_refused_before_the_first_fold(body, words):
+    Path("own.py").write_text(f"class Own:\n    {body}\n")
+    with pytest.raises(InputError) as refused:
+        make_plans(cells_of("model=own.py:Own data.subjects=3"), 1)
+    assert str(refused.value).startswith(f"model=Own: {words}")
 
 
 def test_a_dotted_key_is_for_the_parts_that_take_it():
