@@ -38,7 +38,10 @@ class Board:
         clock_mhz: clock in MHz.
         fpu: True if it has a floating-point unit.
         source: the maker's page.
-        share: share of flash and RAM that touch may use.
+        core_flash_kb: flash of the bootloader, and of the core that each program of it has.
+        core_ram_kb: RAM of this core.
+        tables_in_ram: True if constants of C take RAM, too.
+        share: share of the other flash and RAM that touch may use.
     """
 
     title: str
@@ -47,12 +50,20 @@ class Board:
     clock_mhz: float
     fpu: bool
     source: str
+    core_flash_kb: float = 0.0
+    core_ram_kb: float = 0.0
+    tables_in_ram: bool = False
     share: float = 1.0
+
+    @property
+    def free_kb(self) -> tuple[float, float]:
+        """Flash and RAM without its core, in kB."""
+        return self.flash_kb - self.core_flash_kb, self.ram_kb - self.core_ram_kb
 
     def as_budgets(self, timed: bool) -> dict[str, str]:
         """Keys of ``bench choose``; with the clock if there is a budget of time and an FPU."""
-        budgets = {"max_flash": f"{self.share * self.flash_kb:.6g}kB"}
-        budgets["max_ram"] = f"{self.share * self.ram_kb:.6g}kB"
+        flash, ram = (f"{self.share * kilobytes:.6g}kB" for kilobytes in self.free_kb)
+        budgets = {"max_flash": flash, "max_ram": ram}
         if timed and self.fpu:
             budgets["clock"] = f"{self.clock_mhz:g}MHz"
         return budgets
@@ -94,9 +105,13 @@ def load_boards() -> dict[str, Board]:
     boards = {}
     with files("bench").joinpath("boards.csv").open(encoding="utf-8") as f:
         for row in csv.DictReader(f):
-            flash, ram = 1.024 * float(row["flash_kib"]), 1.024 * float(row["ram_kib"])
-            clock, fpu = float(row["clock_mhz"]), row["fpu"] == "yes"
-            boards[row["name"]] = Board(row["title"], flash, ram, clock, fpu, row["source"])
+            sizes = {
+                name.replace("kib", "kb"): 1.024 * float(row[name])
+                for name in ("flash_kib", "ram_kib", "core_flash_kib", "core_ram_kib")
+            }
+            flags = {name: row[name] == "yes" for name in ("fpu", "tables_in_ram")}
+            clock, texts = float(row["clock_mhz"]), {n: row[n] for n in ("title", "source")}
+            boards[row["name"]] = Board(clock_mhz=clock, **texts, **sizes, **flags)
     return boards
 
 

@@ -49,6 +49,8 @@ def test_shipped_scenes_and_boards_can_be_read():
         True,
         False,
     )
+    uno = every["uno-r3"].as_budgets(timed=False)  # 2 KiB and 0.2 KiB are of Arduino's core
+    assert uno == {"max_flash": "30.72kB", "max_ram": "1.8432kB"}
 
 
 WRONG = [

@@ -90,7 +90,8 @@ def test_recordings_become_c_that_compiles_passes_its_test_and_keeps_its_certifi
     assert facts["data"]["people"] == 6 and facts["c"]["captures"] == 54
 
     words = {
-        "touch.h": ["from 54 captures of 6 people of skin", f"{100 * mean:.1f} %"],
+        "touch.h": ["from 54 captures of 6 people of skin", f"{100 * mean:.1f} %"]
+        + [f'#define SKIN_MODEL "{facts["c"]["model"]}"', f'_VERSION "{facts["touchbench"]}"'],
         "touch.c": [facts["system"]["model"], facts["data"]["digest"], "bench build skin.csv"],
         "README.md": [f"{100 * mean:.1f} %", "programs for a Cortex-M4F are not installed"],
     }
@@ -273,7 +274,10 @@ def test_the_c_is_linked_for_a_board_and_passes_its_test_in_an_emulator(capsys):
     assert run_in_robot("make", "-s", "emulated") == (0, "3 of 3 captures as in Python\n")
     assert main([*BUILD, "max_flash=1kB", "replace=yes"]) == 2
     line = capsys.readouterr().err.splitlines()[-1]
-    assert "The budget of 1 kB for flash rules out" in line and "uno-r3" in line
+    assert "The budget of 1 kB for flash rules out" in line
+    assert "The smallest board that holds one of them is" in line
+    makefile = Path("robot/Makefile").read_text()
+    assert "\nFLASH = 1024K\nRAM = 256K\n" in makefile
     assert Path("robot/touch.c").exists()
     assert pd.DataFrame(facts["compared"])["flash"].notna().all()
 

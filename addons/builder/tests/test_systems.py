@@ -23,7 +23,7 @@ from touchbench_builder import systems
 from touchbench_builder.captures import load_corpus
 from touchbench_builder.certificate import expected_accuracy
 from touchbench_builder.sessions import measure_session_cost
-from touchbench_builder.slices import most_instructions, spread_work
+from touchbench_builder.slices import most_instructions, needed_ram, spread_work
 from touchbench_builder.systems import (
     EARLY,
     fit_or_load,
@@ -103,7 +103,7 @@ def test_the_model_has_what_the_budgets_allow(flash, without, monkeypatch):
         monkeypatch.setattr(systems, name, fake)
     limits = {"flash": flash}
     choice = SimpleNamespace(name="lda", values={}, run_id="r", limits=limits, watched=True)
-    choice.frame_limit = math.inf
+    choice.frame_limit, choice.board = math.inf, None
     if without is None:
         with pytest.raises(InputError, match=r"trained on all captures it takes 30.0 kB of flash"):
             systems.train_chosen({}, choice)
@@ -136,6 +136,12 @@ def test_the_fewest_slices_are_taken_with_which_each_frame_is_short_enough(limit
     costs = spread_work(model, limit, measure)
     assert model.watcher.slices == slices and seen == measured
     assert costs == measure(model) and watcher.slices == 1
+
+
+def test_ram_holds_stack_and_frame_and_tables_where_constants_take_ram():
+    costs, boards = dict.fromkeys(systems.CHIP_COSTS, 100.0), load_boards()
+    assert [needed_ram(costs, board) for board in (None, boards["zero"])] == [300.0, 300.0]
+    assert needed_ram(costs, boards["uno-r3"]) == 400.0
 
 
 def test_a_frame_may_take_half_a_period_of_a_board_with_an_fpu():

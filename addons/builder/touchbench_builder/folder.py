@@ -81,7 +81,8 @@ def write_build(out: Path, recogniser: Recogniser, facts: dict[str, Any], corpus
         _write_texts(folder, texts)
         labels, _ = label_with_c(folder, recogniser.classes, corpus, facts["system"]["prefix"])
         others = int((recogniser.label(corpus)["label"].to_numpy() != labels).sum())
-        facts["c"] = {"captures": len(corpus), "other_labels": others}
+        (model,) = re.findall(r'(?m)^#define \w+_MODEL "(\w+)"', texts["touch.h"])
+        facts["c"] = {"captures": len(corpus), "other_labels": others, "model": model}
         certificate = json_with_digest(json.dumps(facts, indent=1, ensure_ascii=False) + "\n")
     write_tested(out, texts | {CERTIFICATE: certificate, "README.md": render_page(facts)})
 

@@ -1,4 +1,4 @@
-"""Slices of the work on a touch, so that the C takes at most half a period for a frame."""
+"""What the C has to fit: a board's RAM, and half a period for each frame, in slices of work."""
 
 from __future__ import annotations
 
@@ -12,6 +12,12 @@ if TYPE_CHECKING:
     from bench.running.saved import Recogniser
 
 PERIOD_SHARE = 0.5  # of the time between two frames that the costliest frame may take
+
+
+def needed_ram(costs: Mapping[str, float], board: Board | None) -> float:
+    """Bytes of RAM that the C takes with its stack and a frame, and its tables if they need RAM."""
+    tables = costs["table_bytes"] if board is not None and board.tables_in_ram else 0.0
+    return sum(costs[name] for name in ("ram_bytes", "stack_bytes", "frame_bytes")) + tables
 
 
 def most_instructions(board: Board | None, rate_hz: float, budget: float) -> float:

@@ -37,7 +37,7 @@ from bench.running.saved import Recogniser, load_recogniser
 from bench.store.client import connect
 from bench.values.measures import all_costs
 from bench.values.scores import label_captures
-from touchbench_builder.slices import most_instructions, spread_work
+from touchbench_builder.slices import most_instructions, needed_ram, spread_work
 from touchbench_builder.stream import select_people
 from touchbench_chip.measure import ROOMY, measure_footprint, measure_watching, missing_programs
 from touchbench_chip.tables import check_exportable
@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from bench.contract import System
     from bench.plan.cells import Cell
     from bench.plan.plan import Plan
+    from bench.reading.scene import Board
     from bench.running.workers import FoldExecutor
     from bench.values.result import Result
     from touchbench_builder.progress import Progress
@@ -60,7 +61,7 @@ BUILT_TAG = "touchbench.built"  # tag of a model: hash of what it was built from
 EARLY = "calibration and early decisions"
 WATCH = "watch"  # the command of runs on streams
 COUNTED = ("flash_bytes", "ram_bytes", "stack_bytes", "frame_instructions", "most_instructions")
-CHIP_COSTS = (*COUNTED, "needed_ram_bytes", "delay_s")  # RAM with stack and a frame
+CHIP_COSTS = (*COUNTED, "table_bytes", "frame_bytes", "delay_s")
 CHIP_COST_OF = {"flash": "flash_bytes", "ram": "needed_ram_bytes", "cycles": "most_instructions"}
 ROUNDED_MODELS = ("lda", "softmax", "reflex")  # those with model.bits=
 REPAIR = "stuck+dead"
@@ -89,6 +90,7 @@ class ChosenSystem:
         runs: ids of the compared runs.
         limits: budget of each cost.
         frame_limit: most instructions of a frame, as of `most_instructions`.
+        board: the robot's board.
         run_id: id of its run.
     """
 
@@ -102,6 +104,7 @@ class ChosenSystem:
     runs: list[str]
     limits: dict[str, float]
     frame_limit: float
+    board: Board | None
     run_id: str
 
 
@@ -194,6 +197,7 @@ def compare_systems(
                 raise InputError("it found no touch in any stream")
             if not missing_programs():
                 costs = linked_costs(on, values, str(result["run_id"]), watches, frame_limit)
+                costs["needed_ram_bytes"] = needed_ram(costs, scene.board)
                 result.metrics |= _delay_latencies(result.metrics, costs["delay_s"])
                 sources = {all_costs()[key].source_name: CHIP_COST_OF[key] for key in CHIP_COST_OF}
                 result.metrics |= {source: costs[name] for source, name in sources.items()}
@@ -249,6 +253,7 @@ def compare_systems(
         run_ids,
         choice.budgets,
         frame_limit,
+        scene.board,
         runs[name],
     )
 
@@ -347,7 +352,7 @@ def nothing_fits_message(choice: rule.Choice) -> str:
     sizes = choice.table[["flash", "ram"]]
     boards = []
     for name, board in load_boards().items():
-        if (sizes <= [board.flash_kb, board.ram_kb]).all(axis=1).any():
+        if (sizes <= board.free_kb).all(axis=1).any():
             boards.append((board.flash_kb, name))
     if boards and any(limit["over"] and limit["cost"].key in sizes for limit in choice.limits):
         lines.append(f"The smallest board that holds one of them is {min(boards)[1]}.")
@@ -427,8 +432,9 @@ def measure_on_chip(recogniser: Recogniser) -> dict[str, float]:
         except ValueError as e:  # such as a program too large for the emulated chip
             raise InputError(str(e)) from e
     costs = {name: numbers[f"chip_{'watch_' * watches}{name}"] for name in COUNTED}
-    frame_bytes = 4 * recogniser.grid[0] * recogniser.grid[1]
-    costs["needed_ram_bytes"] = costs["ram_bytes"] + costs["stack_bytes"] + frame_bytes
+    # Of a system that watches, tables are not counted alone.
+    costs["table_bytes"] = numbers.get("chip_table_bytes", costs["flash_bytes"])
+    costs["frame_bytes"] = 4.0 * recogniser.grid[0] * recogniser.grid[1]
     delay = recogniser.watcher.delay if watches else 0
     return costs | {"delay_s": delay / recogniser.rate_hz}
 
@@ -447,12 +453,12 @@ def train_chosen(
     run_id, recogniser = fit_or_load(on, choice.values, key, watch=watches)
     if missing_programs():
         return run_id, recogniser, None, ""
-    costs = spread_work(recogniser, choice.frame_limit, measure_on_chip)
+    costs = _measure_for_board(recogniser, choice)
     if _fits_budgets(costs, choice):
         return run_id, recogniser, costs, ""
     key = _linked_key(choice.run_id)
     stored = fit_or_load(on, choice.values, key, stopping=False, watch=watches)
-    costs = spread_work(stored[1], choice.frame_limit, measure_on_chip)
+    costs = _measure_for_board(stored[1], choice)
     if _fits_budgets(costs, choice):
         return *stored, costs, EARLY
     kilobytes = [f"{costs[name] / 1000:.1f} kB" for name in ("flash_bytes", "needed_ram_bytes")]
@@ -460,6 +466,12 @@ def train_chosen(
         f"{choice.name} fits, but trained on all captures it takes {kilobytes[0]} of flash and "
         f"{kilobytes[1]} of RAM; take a larger board or raise its budgets"
     )
+
+
+def _measure_for_board(recogniser: Recogniser, choice: ChosenSystem) -> dict[str, float]:
+    """Costs in as many slices as the board needs, and the RAM that the C needs there."""
+    costs = spread_work(recogniser, choice.frame_limit, measure_on_chip)
+    return {**costs, "needed_ram_bytes": needed_ram(costs, choice.board)}
 
 
 def _fits_budgets(costs: Mapping[str, float], choice: ChosenSystem) -> bool:

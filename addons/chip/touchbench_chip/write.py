@@ -6,6 +6,7 @@ import hashlib
 import math
 import re
 from collections.abc import Iterable
+from importlib.metadata import version
 from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING
@@ -121,8 +122,9 @@ def write_c_sources(
     model = hashlib.sha256("".join([*files.values(), names]).encode()).hexdigest()[:8]
     files = {name: rename_public(text, prefix) for name, text in files.items()}
     # Words of users come last, as they are no names of the C.
+    words = {"title": title, "names": names, "model": model, "version": version("touchbench")}
     for name in ("touch.h", "tables.h"):
-        files[name] = Template(files[name]).substitute(title=title, names=names, model=model)
+        files[name] = Template(files[name]).substitute(words)
     return files
 
 
@@ -179,6 +181,7 @@ def _write_header(chip: CContents, rate_hz: float) -> str:
     parts = {
         "title": "$title",  # filled in after names are given their prefix
         "model": "$model",
+        "version": "$version",
         "public": "\n".join(public),
         "state": _write_state(chip),
         "settled": SETTLED if defines["STOPPING"] == "1" else NEVER_SETTLED,

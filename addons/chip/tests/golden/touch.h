@@ -8,19 +8,28 @@
 extern "C" {
 #endif
 
+#define TOUCH_VERSION "#" /* of touchbench, which wrote this code */
+#define TOUCH_MODEL "#" /* changes with the code and with what was learnt */
 #define TOUCH_ROWS 8
 #define TOUCH_COLS 8
 #define TOUCH_TAXELS 64
 #define TOUCH_CLASSES 14
 #define TOUCH_RATE_HZ 45.0
 #define TOUCH_FULL_SCALE 1023.0f
+#define TOUCH_NEGATIVE 20.46f
 #define TOUCH_STOPPING 0
 #define TOUCH_WATCH 0
 
 /* Return codes below 0. */
-#define TOUCH_BAD -1   /* no state or frame, or a reading that is not within 0 and the full scale */
+#define TOUCH_BAD -1   /* no state or frame, or a reading that is no number or out of range */
 #define TOUCH_LONG -2  /* the capture is longer than any that was learnt from: begin a new one */
 #define TOUCH_EMPTY -3 /* nothing was touched yet */
+
+/* What a capture looks like as a whole. */
+typedef struct {
+    int frames;
+    float mean, largest, least, across, down, zeros;
+} touch_look_t;
 
 /* What the taxels did in a part of a window. */
 typedef struct {
@@ -49,7 +58,7 @@ typedef struct {
 int touch_init(touch_t *t);
 
 /* Take a frame, row by row, readings from 0 to TOUCH_FULL_SCALE: 1 if there is a new decision, 0 if not yet, or a code.
-   A frame that is refused changes nothing. */
+   Readings from -TOUCH_NEGATIVE to 0 are taken for 0. A frame that is refused changes nothing. */
 int touch_push(touch_t *t, const float *frame);
 
 /* The class of what has been seen since the beginning, or a code; and probabilities of all classes.
@@ -62,10 +71,6 @@ const char *touch_name(int label);
 
 /* Whether a capture looks unlike all that training saw: another range, inverted readings, another order of taxels.
    Push each of its frames here, too, and ask at its end: 1 if so, 0, or a code. */
-typedef struct {
-    int frames;
-    float mean, largest, least, across, down, zeros;
-} touch_look_t;
 int touch_look_init(touch_look_t *look);
 int touch_look(touch_look_t *look, const float *frame);
 int touch_unlike(const touch_look_t *look);

@@ -8,6 +8,8 @@
 extern "C" {
 #endif
 
+#define TOUCH_VERSION "$version" /* of touchbench, which wrote this code */
+#define TOUCH_MODEL "$model" /* changes with the code and with what was learnt */
 $public
 
 /* Return codes below 0. */
