@@ -293,6 +293,7 @@ class Store:
 @contextmanager
 def use_tracking_uri() -> Iterator[None]:
     """Let MLflow's own functions use the store, and undo what they set in the environment."""
+    _quieten_mlflow()
     import mlflow
 
     before = os.environ.get("MLFLOW_TRACKING_URI")
@@ -303,6 +304,12 @@ def use_tracking_uri() -> Iterator[None]:
         mlflow.set_tracking_uri(None)  # type: ignore[arg-type]
         if before is not None:
             os.environ["MLFLOW_TRACKING_URI"] = before
+
+
+def _quieten_mlflow() -> None:
+    """Turn telemetry and bars of progress off, unless the user wants them."""
+    os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
+    os.environ.setdefault("MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR", "false")
 
 
 def run_attributes(
@@ -351,8 +358,7 @@ def connect(writes: bool = False) -> Store:
         InputError: it cannot be used.
     """
     path = sqlite_file(store_uri())
-    os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
-    os.environ.setdefault("MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR", "false")
+    _quieten_mlflow()
     retries = os.environ.get("MLFLOW_HTTP_REQUEST_MAX_RETRIES")
     os.environ["MLFLOW_HTTP_REQUEST_MAX_RETRIES"] = retries or "2"  # a wrong address fails soon
     uri, is_read_only = store_uri(), path is not None and not check_writable(path, writes)

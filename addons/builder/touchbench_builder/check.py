@@ -57,7 +57,7 @@ def check_build(words: list[str], values: Mapping[str, Any]) -> int:
         raise InputError(
             f"{folder}: no {CERTIFICATE} is here; give the folder that bench build wrote"
         )
-    facts = _load_certificate(folder / CERTIFICATE)
+    facts = load_certificate(folder / CERTIFICATE)
     known = facts["data"]["people"]
     if known < few.FEWEST_FOR_INTERVAL:
         raise InputError(
@@ -156,7 +156,7 @@ def _share_promise(
     )
 
 
-def _load_certificate(file: Path) -> dict[str, Any]:
+def load_certificate(file: Path) -> dict[str, Any]:
     """Load the content of ``certificate.json``."""
     try:
         facts = read_json_with_digest(file)

@@ -104,15 +104,14 @@ def source_texts(
     more["vectors.h"] = vectors_header(recogniser, corpus)
     more = {name: rename_public(text, prefix) for name, text in more.items()}
     texts["Makefile"] += more.pop("Makefile.more")
-    texts |= more
+    return texts | more
+
+
+def write_tested(out: Path, texts: Mapping[str, str]) -> None:
+    """Run the test of files of C, then write them; they replace an earlier build."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         _write_texts(folder, texts)
-        labels, _ = label_with_c(folder, recogniser.classes, corpus, prefix)
-        others = int((recogniser.label(corpus)["label"].to_numpy() != labels).sum())
-        facts["c"] = {"captures": len(corpus), "other_labels": others}
-        certificate = json_with_digest(json.dumps(facts, indent=1, ensure_ascii=False) + "\n")
-        _write_texts(folder, {CERTIFICATE: certificate, "README.md": render_page(facts)})
         _run_own_test(folder)
         with fill_then_rename(out) as complete:
             for path in folder.iterdir():
@@ -130,6 +129,11 @@ def _write_texts(folder: Path, texts: Mapping[str, str]) -> None:
 
 def header_lines(facts: Mapping[str, Any]) -> list[str]:
     """Head of ``touch.h``: corpus, people, accuracy to expect; operating points have the alarms."""
+    return [*origin_lines(facts), *summary_lines(facts)]
+
+
+def origin_lines(facts: Mapping[str, Any]) -> list[str]:
+    """Lines of the head of ``touch.h`` about captures and people."""
     data = facts["data"]
     kind = "synthetic " if data["synthetic"] else ""
     grid, people = "x".join(map(str, data["grid"])), f"{data['people']} people of {data['corpus']}"
@@ -137,7 +141,6 @@ def header_lines(facts: Mapping[str, Any]) -> list[str]:
         f"touchbench: {len(data['gestures'])} classes of {kind}touch on {grid} taxels at "
         f"{data['rate_hz']:g} Hz.",
         f"{facts['system']['name']}, from {data['captures']} {kind}captures of {people}.",
-        *summary_lines(facts),
     ]
 
 
@@ -190,7 +193,7 @@ def _compiled(folder: Path) -> Iterator[Path]:
 def vectors_header(recogniser: Recogniser, corpus: Corpus) -> str:
     """First seconds of a capture of each class, with label and probabilities of Python, as C."""
     members = [np.flatnonzero(corpus.gestures.astype(str) == name) for name in recogniser.classes]
-    examples = corpus[np.array([rows[len(rows) // 2] for rows in members])].detach()
+    examples = corpus[np.array([rows[len(rows) // 2] for rows in members if len(rows)])].detach()
     lengths = np.minimum(examples.lengths, round(VECTOR_S * corpus.rate_hz))
     examples = examples.with_fields(lengths=lengths, digest="", path=None)
     table = recogniser.label(examples)

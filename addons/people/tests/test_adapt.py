@@ -7,10 +7,15 @@ import pandas as pd
 
 from bench.cli import main
 from bench.corpora.library import open_corpus
+from bench.features.touch import TouchFeatures
+from bench.models.classic.lda import lda
+from bench.models.recipe import Recipe
 from bench.running.saved import Recogniser, load_recogniser
+from tests.conftest import random_corpus
 from tests.net.build import step
 from tests.running.fakes import Level
 from touchbench_people.adaptation import adapt_system
+from touchbench_people.commands import count_right_left_out
 
 SMALL = ["data=synth", "data.subjects=4", "data.rate_hz=30", "stopping=no"]
 SMALL += ["where=gesture in ['pat', 'rub', 'grab'] and subject != '4'"]
@@ -48,7 +53,7 @@ def test_a_saved_system_is_adapted_as_by_hand_and_mistakes_are_one_line(golden, 
     write_rows(corpus, rows[::2], "labelled.csv", gesture=corpus.gestures)
     write_rows(corpus, rows[::2], "alone.csv")
     for name, labels in (("labelled", part.gestures), ("alone", None)):
-        assert main(["adapt", "rec", f"{name}.csv", f"out={name}"]) == 0
+        assert main(["adapt", "rec", f"{name}.csv", f"out={name}", "anyway=yes"]) == 0
         expected = adapt_system(general, part, labels).predict_proba(rest)
         found = load_recogniser(name).estimator.predict_proba(rest)
         np.testing.assert_allclose(found, expected, atol=1e-9)
@@ -68,3 +73,31 @@ def test_a_saved_system_is_adapted_as_by_hand_and_mistakes_are_one_line(golden, 
     )
     golden("refusals.txt", "".join(step(["adapt", *words.split()]) for words in WRONG))
     assert not Path("new").exists()
+
+
+def test_a_model_that_is_no_better_without_each_capture_is_written_if_asked_only(capsys):
+    corpus = random_corpus(subjects=3, per_class=4, grid=(4, 4), longest=60)
+    train, own = (np.flatnonzero((corpus.subjects == "3") == is_own) for is_own in (False, True))
+    general = Recipe(lda(TouchFeatures())).fit(corpus[train], corpus.gestures[train])
+    rec, part = Recogniser(general, corpus[train]), corpus[own]
+    labels = part.gestures.astype(str)
+    right = []
+    for i in range(len(own)):  # left out by hand
+        rest = np.delete(np.arange(len(own)), i)
+        adapted = adapt_system(general, part[rest], labels[rest])
+        right.append(adapted.predict(part[[i]])[0] == labels[i])
+    before = (general.predict(part) == labels).sum()
+    assert count_right_left_out(rec, part, labels) == (before, sum(right))
+    assert count_right_left_out(rec, part[:1], labels[:1])[1] <= 1  # nothing to adapt to
+
+    assert main(["fit", *SMALL, "model=lda", "features=touch", "out=rec"]) == 0
+    synth = open_corpus("synth", {"subjects": 4, "rate_hz": 30.0})
+    rows = np.flatnonzero((synth.subjects == "4") & np.isin(synth.gestures, ["pat", "rub"]))[:4]
+    write_rows(synth, rows, "few.csv", gesture=synth.gestures)
+    capsys.readouterr()
+    assert main(["adapt", "rec", "few.csv", "out=new"]) == 1 and not Path("new").exists()
+    assert capsys.readouterr().out.startswith("no gain: of 4 captures, each left out, it labels ")
+    assert main(["adapt", "rec", "few.csv", "out=new", "anyway=yes"]) == 0 and Path("new").exists()
+    write_rows(synth, rows, "few.csv")
+    assert main(["adapt", "rec", "few.csv", "out=other"]) == 0
+    assert "nobody knows" in capsys.readouterr().out

@@ -11,11 +11,15 @@ from scipy.optimize import approx_fprime
 from bench.errors import InputError
 from bench.features.base import capture_copy_index
 from bench.features.jung28 import Jung28
+from bench.features.touch import TouchFeatures
 from bench.models.adapters import FromTorch
-from bench.models.classic.lda import Discriminants
+from bench.models.classic.lda import Discriminants, lda
+from bench.models.classic.softmax import softmax
 from bench.models.classic.svm import svm
 from bench.models.nets.cnn85 import CNN85
 from bench.models.nets.hughes2017 import Hughes2017CNN
+from bench.models.quantised import quantise_pipeline
+from bench.models.recipe import Recipe
 from bench.models.reflex import Reflex
 from tests.conftest import random_corpus
 from tests.running.fakes import Level
@@ -190,12 +194,35 @@ def test_what_adapts_in_place_carries_nothing_into_other_tests():
     assert adapted.predict(test).tolist() != before == system.predict(test).tolist()
 
 
-def test_weights_in_few_bits_and_modules_of_others_do_not_adapt():
+def test_what_cannot_adapt():
     assert can_adapt(Reflex()) and can_adapt(adaptable(Jung28())) and can_adapt(Hughes2017CNN())
     module = FromTorch(module=lambda *_: None)
-    others = [Reflex(bits=8), Hughes2017CNN(bits=8), svm(Jung28()), module, Level()]
+    rounded = Recipe(softmax(Jung28()), bits=8)
+    others = [Hughes2017CNN(bits=8), rounded, svm(Jung28()), module, Level()]
     assert not any(map(can_adapt, others))
     wrong_ways = [{"ways": ("mean",)}, {"ways": ("pool", "pool")}]
     for wrong in (*wrong_ways, {"classifier": "lda"}, {"classifier": "cnn85"}):
         with pytest.raises(InputError, match="model.(ways|classifier)="):
             adaptable(Jung28(), **wrong)
+
+
+@pytest.mark.parametrize("system", ("lda", "reflex"))
+def test_weights_in_few_bits_adapt_like_exact_ones_and_stay_in_few_bits(system):
+    corpus = random_corpus(subjects=2, per_class=3, grid=(4, 4), longest=90)
+    train, person = (corpus[np.flatnonzero(corpus.subjects == name)] for name in "12")
+    adapted = []
+    for bits in (32, 8):
+        general = Reflex(bits=bits, copies=1) if system == "reflex" else None
+        general = general or Recipe(lda(TouchFeatures()), window=0.5, bits=bits)
+        assert can_adapt(general)
+        fitted = general.fit(train, train.gestures)
+        before = fitted.predict_proba(person)
+        adapted.append(adapt_system(fitted, person, person.gestures))
+        assert np.array_equal(fitted.predict_proba(person), before)
+    exact, rounded = (getattr(one, "whole_", one).system_ for one in adapted)
+    expected = quantise_pipeline(exact, 8)[-1]
+    found = rounded[-1]
+    if system == "reflex":
+        expected, found = expected.linear_, found.linear_
+    np.testing.assert_allclose(found.coef_, expected.coef_)
+    assert not np.allclose(found.coef_, getattr(exact[-1], "linear_", exact[-1]).coef_, rtol=1e-9)

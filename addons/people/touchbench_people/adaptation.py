@@ -20,6 +20,7 @@ from sklearn.utils.validation import check_is_fitted
 from bench import contract
 from bench.errors import InputError
 from bench.features.base import capture_of_rows
+from bench.models.quantised import quantise_pipeline
 from bench.models.recipe import Recipe, apply_steps
 from touchbench_people.last_layer import relearn_layer, relearn_network
 
@@ -37,18 +38,20 @@ ADAPT_METHOD = contract.Method("adapt", ("X", "y"), lambda X, y: None)
 
 
 def can_adapt(system: Any) -> bool:
-    """Return True if a system, fitted or not, can adapt; weights of few bits cannot."""
+    """Return True if a system, fitted or not, can adapt.
+
+    Of weights in few bits, only those can that have kept what they were computed from.
+    """
     if ADAPT_METHOD.find_method(system):
         return True
     if isinstance(system, Pipeline):
         return can_adapt(system.steps[-1][1])
-    if getattr(system, "bits", 32) != 32:
+    adapter = _find_adapter(system)
+    if adapter is adapt_recipe:
+        return can_adapt(system.system)
+    if adapter is adapt_network and getattr(system, "bits", 32) != 32:
         return False
-    return (
-        can_adapt(system.system)
-        if isinstance(system, Recipe)
-        else _find_adapter(system) is not None
-    )
+    return adapter is not None
 
 
 def adapt_system(system: Any, X: Corpus | pd.DataFrame, y: np.ndarray | None) -> Any:
@@ -74,11 +77,12 @@ def adapt_system(system: Any, X: Corpus | pd.DataFrame, y: np.ndarray | None) ->
 
 
 def adapt_recipe(recipe: Recipe, X: Corpus, y: np.ndarray | None) -> Recipe:
-    """Adapt the system inside to captures after the steps."""
+    """Adapt the system inside to captures after the steps; its weights keep their bits."""
     pieces, row = apply_steps(X, recipe.prediction_steps())
     labels = None if y is None else np.asarray(y)[row]
     adapted = copy(recipe)
-    adapted.system_ = adapt_system(recipe.system_, pieces, labels)
+    system = adapt_system(recipe.system_, pieces, labels)
+    adapted.system_ = system if recipe.bits == 32 else quantise_pipeline(system, recipe.bits)
     return adapted
 
 

@@ -8,13 +8,16 @@ ADAPT = Command(
     "FILE has captures of one person in the format of bench data import table. With a column "
     "gesture, the model learns from the labels. Without it, the model adapts to differences "
     "between this person and the training subjects. MODEL does not change. reflex, lda, networks "
-    "(their last layer) and model=adaptable can adapt; bench run protocol=personal measures the "
-    f"gain. {TRUST_NOTE}",
-    "bench adapt rec anna.csv out=rec_anna",
-    "MODEL FILE out=FOLDER [rate_hz=HZ]",
+    "(their last layer) and model=adaptable can adapt. With labels, each capture is left out in "
+    "turn: nothing is written, and the exit code is 1, if no more of them are labelled right than "
+    "before. Of a folder of bench build, it writes C again. bench run protocol=personal measures "
+    f"the gain for new people. {TRUST_NOTE}",
+    "bench adapt rec anna.csv out=rec_anna\nbench adapt robot anna.csv out=robot_anna",
+    "MODEL FILE out=FOLDER [rate_hz=HZ] [anyway=yes]",
     module="touchbench_people.commands",
     options=(
         Option("out", "text", "", "folder for the adapted model; new or empty"),
         Option("rate_hz", "number", None, "frame rate of FILE in Hz; must equal the model's"),
+        Option("anyway", "yes", False, "yes: write it even if it is no better for this person"),
     ),
 )
