@@ -32,7 +32,7 @@ BUILD = Command(
         Option("scene", "text", "", "TOML file with a robot's needs, or companion, toy or handle"),
         Option("board", "text", "", "board whose flash and RAM are budgets, such as nano33ble"),
         Option("max_flash", "amount", None, "largest flash with code, such as 64kB"),
-        Option("max_ram", "amount", None, "largest RAM of the library, such as 32kB"),
+        Option("max_ram", "amount", None, "largest RAM of state, stack and a frame, such as 32kB"),
         Option(
             "max_cycles", "amount", None, "most instructions for the costliest frame, such as 600k"
         ),
