@@ -2,6 +2,7 @@
 
 import io
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -14,12 +15,13 @@ import pandas as pd
 import pytest
 
 from addons.recorder.tests.player import Player, add_cobs, as_line, as_packet
+from addons.streams.tests.test_live import make_recogniser
 from bench.cli import main
 from bench.errors import InputError
 from touchbench_recorder import evening as evening_of
 from touchbench_recorder.checks import check_corner, check_rest, check_strokes
-from touchbench_recorder.frames import Frame, Gaps, Lines, Packets, remove_cobs
 from touchbench_streams.sensor import open_sensor
+from touchbench_streams.sensor_frames import Frame, Gaps, Lines, Packets, remove_cobs
 
 RATE = 100.0
 FRAMES = np.random.default_rng(0).integers(0, 60, (4000, 4))
@@ -252,6 +254,21 @@ def test_a_sensor_in_the_network_is_read():
         thread.join()
     with pytest.raises(InputError):
         open_sensor("", 1, "no such host:1")
+
+
+@pytest.mark.parametrize("encode", [as_line, as_packet])
+def test_a_sensor_on_a_port_is_classified_live(encode, monkeypatch, capsys):
+    recogniser = make_recogniser()
+    monkeypatch.setattr("bench.running.saved.load_recogniser", lambda _: recogniser)
+    player = Player(np.full((100, 6), 1), RATE, encode)
+    name = "lines" if encode is as_line else "packets"
+    play = threading.Thread(target=lambda: (player.run(), os.close(player.master)))
+    play.start()
+    words = [f"port={player.port}", f"format={name}", "hop_ms=100"]
+    assert main(["live", "m", *words]) == 0
+    rows = capsys.readouterr().out.splitlines()
+    assert rows[0] == "capture,ms,label,confidence,settled" and len(rows) >= 8
+    play.join()
 
 
 def test_the_order_of_prompts_is_drawn_for_each_person_and_stays():

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from touchbench_recorder.frames import Frame
+from touchbench_streams.sensor_frames import Frame
 
 OTHER_RATE = 0.1  # share by which the measured rate may differ
 AT_REST = 0.05  # of full scale, mean of all taxels

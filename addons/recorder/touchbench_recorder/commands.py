@@ -25,14 +25,6 @@ RECORD = Command(
     module="touchbench_recorder.commands",
     options=(
         *SENSOR_OPTIONS,
-        Option(
-            "format",
-            "text",
-            "lines",
-            "lines: numbers with commas or blanks, one frame a line, after a counter or time stamp "
-            "if there is one; packets: binary",
-            ("lines", "packets"),
-        ),
         Option("grid", "text", "", "rows and columns of the skin, such as 8x8"),
         Option("full_scale", "number", 1023, "largest possible reading"),
         Option("rate_hz", "number", None, "frame rate; default: as measured"),

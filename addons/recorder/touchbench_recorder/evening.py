@@ -18,10 +18,11 @@ from bench.errors import InputError
 from bench.ground.progress import console, warn
 from touchbench_recorder.checks import check_corner, check_rest, check_strokes, measure_rate
 from touchbench_recorder.files import Files
-from touchbench_recorder.frames import Frame, Lines, Packets, Receiver
-from touchbench_recorder.screen import Keys, Screen, draw_map, draw_screen
+from touchbench_recorder.screen import Keys, Screen, draw_screen
 from touchbench_streams.recordings import DOUBT
 from touchbench_streams.sensor import open_sensor
+from touchbench_streams.sensor_frames import Frame, Receiver, make_decoder
+from touchbench_streams.show import draw_map
 
 NO_TOUCH = "notouch"  # a gesture whose prompt is to keep off
 SILENCE_S = 3.0  # without a frame
@@ -169,7 +170,7 @@ class Stage:
 def record_evening(evening: Evening, sensor: dict[str, Any]) -> int:
     """Check the sensor, prompt the person, write the files; print what to do next."""
     rows, cols = parse_grid(evening.grid)
-    decoder = (Lines if evening.format == "lines" else Packets)(rows * cols, evening.full_scale)
+    decoder = make_decoder(evening.format, rows * cols, evening.full_scale)
     settings = {
         "format": evening.format,
         "grid": evening.grid,
@@ -253,7 +254,7 @@ def _record_capture(stage: Stage, gesture: str, repetition: int) -> None:
     for trial in range(1, MOST_TRIES + 1):
         stage.collect(evening.rest, f"get ready: {name}", DOUBT)
         frames = stage.collect(evening.seconds, f"go: {name}", label, is_go=True)
-        lost = sum(frame.lost for frame in frames[1:])
+        lost = sum(frame.lost for frame in frames)
         is_whole = not any(frame.is_restart for frame in frames[1:])
         if frames and is_whole and lost <= MOST_LOST * len(frames):
             values = [frame.values for frame in frames]

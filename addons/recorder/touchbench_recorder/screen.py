@@ -7,27 +7,11 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
-import numpy as np
 from rich.console import Console, Group
 from rich.live import Live
 from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
-
-SHADES = ("#1a1a2e", "#2d3561", "#3f4f9b", "#5b74c4", "#7fa7d9", "#b5d3e7", "#f2e8b8", "#ffb347")
-DARKER = 0.5  # power of the reading: most touch lies in the lowest tenth of the range
-
-
-def draw_map(values: np.ndarray, grid: tuple[int, int], full_scale: float) -> Text:
-    """The map of pressure, two characters for each taxel."""
-    shares = (np.clip(values, 0, full_scale) / full_scale) ** DARKER
-    levels = np.minimum((shares * len(SHADES)).astype(int), len(SHADES) - 1).reshape(grid)
-    text = Text()
-    for row in levels.tolist():
-        for level in row:
-            text.append("  ", style=f"on {SHADES[level]}")
-        text.append("\n")
-    return text
 
 
 def draw_screen(

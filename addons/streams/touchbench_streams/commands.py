@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-
 from bench.errors import InputError
 from bench.grammar.options import (
     TRUST_NOTE,
@@ -15,6 +13,7 @@ from bench.grammar.options import (
 )
 from bench.ground.typed import SMALL_SYSTEM
 from touchbench_streams import DETECTOR, FALSE_ALARMS
+from touchbench_streams.sensor import SENSOR_OPTIONS, Sensor
 
 WATCH = Option(
     "watch",
@@ -55,18 +54,21 @@ WATCHES = Command(
 )
 LIVE = Command(
     "ship",
-    "classify frames from standard input with a saved model",
-    "Reads one frame per line: values in row-major order, separated by commas or blanks, at most "
-    "32 characters each. If the model can watch an endless stream, it prints a line (ms, news, "
+    "classify frames of a sensor with a saved model",
+    "Reads frames from a serial port, the network or standard input: one per line, values in "
+    "row-major order, separated by commas or blanks, at most 32 characters each. If the model can watch an endless stream, it prints a line (ms, news, "
     "label, confidence) when a touch is reported, changed or ended. Otherwise, or with events=no, "
     "an empty line ends a capture, and each decision prints capture, ms, label, confidence and "
     "settled. settled is yes once waiting would gain too little. MODEL is as for bench predict. "
     f"{TRUST_NOTE}",
-    "sensor | bench live models:/m-0123456789abcdef",
+    "sensor | bench live models:/m-0123456789abcdef\n"
+    "bench live robot port=/dev/ttyACM0 show=yes",
     "MODEL [events=no] [hop_ms=125]",
     module="touchbench_streams.commands",
     follows={"predict": "sensor | bench live {}"},
     options=(
+        *SENSOR_OPTIONS,
+        Option("show", "yes", False, "yes: also the label and a map of pressure on the screen"),
         Option(
             "hop_ms", "number", 125, "classification of captures: milliseconds between decisions"
         ),
@@ -82,9 +84,9 @@ def live(arguments: list[str]) -> int:
     words, values = parse_words(arguments, key_options("live"), 1)
     if not words:
         raise InputError("give the address or folder that bench fit printed: bench live MODEL")
-    if sys.stdin is None:
-        raise InputError("bench live: standard input is closed; send frames to it")
     from touchbench_streams.live import run_stream
 
     settings = typed_settings("live", values)
-    return run_stream(words[0], float(settings["hop_ms"]), settings["events"])
+    sensor = Sensor(*(settings[option.key] for option in SENSOR_OPTIONS))
+    hop_ms = float(settings["hop_ms"])
+    return run_stream(words[0], hop_ms, settings["events"], settings["show"], sensor)

@@ -18,10 +18,12 @@ from bench.errors import InputError
 from bench.running.replay import GROWTH
 from bench.values.stopping import NO_SAVING
 from touchbench_streams.detectors.status import REASONS
+from touchbench_streams.show import View
 
 if TYPE_CHECKING:
     from bench.running.saved import Recogniser
     from touchbench_streams.detectors.ticks import TickWatcher
+    from touchbench_streams.sensor import Sensor
 
 CHARACTERS = 32  # most of a number; a line has at most as many per channel, its end included
 MOST_BAD_LINES = 10  # in a row; more come from another format or a broken sensor
@@ -40,8 +42,8 @@ STATUS_MESSAGES = (  # of the reasons, in the order of their bits
 NUMBER = re.compile(rb"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 
-def run_stream(model: str, hop_ms: float, events: bool) -> int:
-    """Classify frames from standard input with a saved model until the input ends.
+def run_stream(model: str, hop_ms: float, events: bool, show: bool, sensor: Sensor) -> int:
+    """Classify frames of a sensor with a saved model until it ends.
 
     With ``events`` and a model that can watch, touches of an endless stream are reported;
     otherwise captures are classified.
@@ -49,13 +51,17 @@ def run_stream(model: str, hop_ms: float, events: bool) -> int:
     from bench.running.saved import load_recogniser
 
     recogniser = load_recogniser(model)
+    channels = recogniser.grid[0] * recogniser.grid[1]
+    stream = sensor.open(channels, recogniser.full_scale)
     if recogniser.watcher is not None and events:
-        return report_touches_live(recogniser, recogniser.watcher)
-    return classify_captures_live(recogniser, hop_ms)
+        return report_touches_live(recogniser, recogniser.watcher, stream, show)
+    if show:
+        raise InputError("show=yes needs a model that watches an endless stream; see bench fit")
+    return classify_captures_live(recogniser, hop_ms, stream)
 
 
-def classify_captures_live(recogniser: Recogniser, hop_ms: float) -> int:
-    """Classify captures from standard input every so many milliseconds; an empty line ends one."""
+def classify_captures_live(recogniser: Recogniser, hop_ms: float, source: BinaryIO) -> int:
+    """Classify captures every so many milliseconds; an empty line ends one."""
     frame_ms = 1000 / recogniser.rate_hz
     if hop_ms < frame_ms:
         raise InputError(
@@ -71,7 +77,7 @@ def classify_captures_live(recogniser: Recogniser, hop_ms: float) -> int:
         print(f"{NO_SAVING}: settled is -", file=sys.stderr)
     output = _start_csv("capture", "ms", "label", "confidence", "settled")
     channels = recogniser.grid[0] * recogniser.grid[1]
-    frames = read_frames(sys.stdin.buffer, channels, recogniser.full_scale)
+    frames = read_frames(source, channels, recogniser.full_scale)
     current, is_settled, labels = 0, False, deque[tuple[int, str]]()
     for capture, seen, window in decision_windows(frames, recogniser.rate_hz, hop_ms, longest):
         if capture != current:
@@ -89,8 +95,19 @@ def classify_captures_live(recogniser: Recogniser, hop_ms: float) -> int:
     return 0
 
 
-def report_touches_live(recogniser: Recogniser, watcher: TickWatcher) -> int:
-    """Report the touches of an endless stream until standard input ends; skip empty lines."""
+def report_touches_live(
+    recogniser: Recogniser, watcher: TickWatcher, source: BinaryIO, show: bool
+) -> int:
+    """Report the touches of an endless stream until it ends; skip empty lines."""
+    view = View(recogniser.grid, recogniser.full_scale)
+    with view.open(show):
+        return _report_touches(recogniser, watcher, source, view)
+
+
+def _report_touches(
+    recogniser: Recogniser, watcher: TickWatcher, source: BinaryIO, view: View
+) -> int:
+    """Print each report, and show it."""
     rows, cols = recogniser.grid
     full_scale, frame_ms = recogniser.full_scale, 1000 / recogniser.rate_hz
     print(
@@ -103,7 +120,7 @@ def report_touches_live(recogniser: Recogniser, watcher: TickWatcher) -> int:
     is_touched, taken, skipped, skipped_in_a_row = False, 0, 0, 0
     printed_status, frames_since_change = 0, 0
     counts = Counter[str]()
-    for number, line in read_lines(sys.stdin.buffer, rows * cols):
+    for number, line in read_lines(source, rows * cols):
         try:
             frame = parse_frame(line, number, rows * cols, full_scale)
         except InputError as e:
@@ -121,6 +138,7 @@ def report_touches_live(recogniser: Recogniser, watcher: TickWatcher) -> int:
                 continue
             taken, skipped_in_a_row = taken + 1, 0
             (values,) = checked_values(frame.reshape(1, rows, cols), full_scale, "input", "frame")
+            view.values = values
             events = stream.push(values)
         for event in events:
             news = "changed" if is_touched else "reported"
@@ -128,6 +146,7 @@ def report_touches_live(recogniser: Recogniser, watcher: TickWatcher) -> int:
             if not is_touched:
                 news = "ended"
             ms, confidence = f"{stream.seen * frame_ms:.0f}", f"{event.confidence:.3f}"
+            view.tell(event.label, event.confidence, is_touched)
             output.writerow([ms, news, event.label, confidence])
             sys.stdout.flush()
         reasons = [k for k in range(len(REASONS)) if stream.status >> k & 1]

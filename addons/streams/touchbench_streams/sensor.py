@@ -6,8 +6,9 @@ import io
 import os
 import socket
 import sys
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, cast
 
 from bench.errors import InputError, one_line
 from bench.grammar.options import Option
@@ -16,8 +17,36 @@ SENSOR_OPTIONS = (
     Option("port", "text", "", "serial port of the sensor, such as /dev/ttyACM0 or COM3"),
     Option("baud", "counts", 115200, "bits a second of the serial port"),
     Option("tcp", "text", "", "network address of the sensor, as HOST:PORT"),
+    Option(
+        "format",
+        "text",
+        "lines",
+        "what the sensor sends: lines of numbers with commas or blanks, after a counter or time "
+        "stamp if there is one; or binary packets",
+        ("lines", "packets"),
+    ),
 )
 CONNECT_S = 5.0
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """The sensor that keys name."""
+
+    port: str
+    baud: int
+    tcp: str
+    format: str
+
+    def open(self, channels: int, full_scale: float) -> BinaryIO:
+        """Open it as lines of numbers; those of standard input stay as they are."""
+        stream = open_sensor(self.port, self.baud, self.tcp)
+        if not (self.port or self.tcp) and self.format == "lines":
+            return stream
+        from touchbench_streams.sensor_frames import PlainLines, make_decoder
+
+        decoder = make_decoder(self.format, channels, full_scale)
+        return cast(BinaryIO, PlainLines(decoder, stream))
 
 
 def open_sensor(port: str, baud: int, tcp: str) -> BinaryIO:
@@ -32,7 +61,7 @@ def open_sensor(port: str, baud: int, tcp: str) -> BinaryIO:
         return io.BufferedReader(_SerialPort(_open_port(port, baud)))
     if tcp:
         return _open_address(tcp)
-    if sys.stdin is None or sys.stdin.closed:
+    if sys.stdin is None:
         raise InputError("standard input is closed; give port= or tcp=, or send frames to it")
     return sys.stdin.buffer
 

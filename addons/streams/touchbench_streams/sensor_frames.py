@@ -130,6 +130,25 @@ def remove_cobs(packet: bytes) -> bytes:
     return bytes(content)
 
 
+def make_decoder(name: str, channels: int, full_scale: float) -> Lines | Packets:
+    """The decoder of a format of the key ``format=``."""
+    return {"lines": Lines, "packets": Packets}[name](channels, full_scale)
+
+
+class PlainLines:
+    """Lines of a sensor without counters or framing, as a file that can be read by lines."""
+
+    def __init__(self, decoder: Lines | Packets, stream: BinaryIO) -> None:
+        self.frames = decoder.decode(stream)
+
+    def readline(self, most: int = -1) -> bytes:
+        """The next frame as a line, b"" at the end; all are shorter than ``most``."""
+        frame = next(self.frames, None)
+        if frame is None:
+            return b""
+        return ",".join(f"{value:.9g}" for value in frame.values.tolist()).encode() + b"\n"
+
+
 class Gaps:
     """Counts frames that are missing, by a counter or by time stamps in any unit."""
 
