@@ -281,7 +281,7 @@ def _write_watch_state(chip: CContents) -> str:
     if chip.watch is None:
         return ""
     members = (
-        "float level;  /* the threshold */",
+        "float level, reject;  /* the threshold; least confidence of a label */",
         "uint32_t seen;  /* frames; modulo 2^32 */",
         "touch_counts_t counts; unsigned status, of_frame;  "
         "/* all reasons; those of the last frame by itself */",
@@ -305,6 +305,9 @@ def _touch_state(d: dict[str, str]) -> list[str]:
         f"touch_part_t parts[{parts}];  /* {halves} */",
         f"float sum[{classes}]; int windows;  /* of decisions */",
     ]
+    if d["PROFILES"] == "1":
+        lines = f"{d['ROWS']} + {d['COLS']}"
+        members.append(f"float profiles[{ring}][{lines}];  /* means of rows and columns */")
     if early:
         members.append(
             f"float early_sum[{classes}]; int early_windows;  "

@@ -12,13 +12,18 @@ from addons.chip.tests.compiled import describe_missing
 from addons.streams.tests.test_c import (
     NEWS,
     WatcherInC,
+    check_equal,
     events_from_news,
     fit_watcher,
     recordings_for,
+    report_in_python,
 )
 from bench.corpora.corpus import Corpus
 from touchbench_streams.detectors import status
+from touchbench_streams.detectors.base import UNKNOWN
 from touchbench_streams.detectors.detector import run_rules
+from touchbench_streams.detectors.names import longest_part
+from touchbench_streams.detectors.spans import find_spans, last_spans
 from touchbench_streams.detectors.status import REASONS, learn_limits
 from touchbench_streams.detectors.ticks import TickStream
 
@@ -37,7 +42,11 @@ def recogniser():
             run_rules(watcher.detector.rules(watcher.level), one)
             for one in watcher.collect_evidence(streams.corpus)
         ]
-        limits = learn_limits(streams.corpus, signs, watcher.count, streams.subjects)
+        longest = longest_part(streams.corpus.rate_hz, watcher.count)
+        spans = [last_spans(find_spans(one, watcher.count, longest)) for one in signs]
+        stepped = watcher.apply_frame_steps(streams.corpus)
+        paces = [watcher.pace.of_spans(stepped[[i]], one) for i, one in enumerate(spans)]
+        limits = learn_limits(streams.corpus, signs, watcher.count, paces, streams.subjects)
         found.watcher = replace(watcher, limits=limits)
         yield found
 
@@ -82,6 +91,7 @@ FAULTS = {  # change of shares, and the reason
     "as it is": (lambda x: x, ""),
     "noise of 1 %": (lambda x: x + 0.01 * RNG.standard_normal(x.shape), "noise"),
     "every frame twice": (lambda x: np.repeat(x, 2, axis=0)[: len(x)], "rate"),
+    "every second frame lost": (lambda x: x[::2], "rate"),
     "offset of 2 %": (lambda x: x + 0.02, "offset"),
     "half the gain": (lambda x: x / 2, "gain"),
     "a dead taxel": (lambda x: set_taxel(x, 0), "stuck"),
@@ -178,3 +188,17 @@ def test_lost_frames_move_time_on_in_c_as_in_python(most, recogniser, in_c):
     watched.code.status(counts.ctypes.data_as(ctypes.c_void_p))
     assert counts[1] == lost and len(ended) > 5
     assert stream.seen == at
+
+
+@needs_gcc
+def test_labels_below_a_confidence_are_unknown_in_c_as_in_python(recogniser, in_c):
+    strict = copy(recogniser)
+    strict.watcher = replace(recogniser.watcher, reject=0.7)
+    frames = recordings_for("frames").corpus[0]
+    in_c.start()
+    assert in_c.code.confidence(ctypes.c_double(1.5)) == -1
+    assert in_c.code.confidence(ctypes.c_double(0.7)) == 0
+    events = events_from_news(in_c(frames), recogniser.classes)
+    expected = report_in_python(strict, frames)[: len(events)]
+    check_equal(events, expected)
+    assert {UNKNOWN} < set(events["label"])

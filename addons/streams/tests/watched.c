@@ -14,6 +14,7 @@ int stream(const float *frames, int n, news_t *news)
     return count;
 }
 int set(int point) { return touch_set_threshold(&w, point); }
+int confidence(double least) { return touch_set_confidence(&w, (float)least); }
 int status(touch_counts_t *counts) { return touch_status(&w, counts); }
 int missed(uint32_t n, news_t *news)
 {

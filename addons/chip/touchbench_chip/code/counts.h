@@ -11,7 +11,7 @@ typedef struct {
 /* What touch_status is found from: the last frame, which taxels changed in a block of touches, sums over a tick, over
    ticks of background and over touches. */
 typedef struct {
-    float last[$TAXELS], step, tick[$QUIETS], quiet[$QUIETS], touched[$TOUCHEDS];
+    float last[$TAXELS], step, pace, tick[$QUIETS], quiet[$QUIETS], touched[$TOUCHEDS];
     touch_look_t look;
     uint32_t at_largest;
     uint8_t moved[($TAXELS + 7) / 8];

@@ -2,8 +2,9 @@
 
 enum { REPEATS = 4, TOUCH_REPEATS = QUIETS + 8 };
 
-/* Reasons from the means of a block. Repeated frames explain all others; noise explains turns. */
-static unsigned judge_block(const float *means, int first, int count)
+/* Reasons from the means of a block, besides known ones. Repeated frames explain all others, and any other explains
+   turns and pace. */
+static unsigned judge_block(const float *means, int first, int count, unsigned known)
 {
     unsigned status = 0;
     for (int k = first; k < first + count; k++) {
@@ -16,7 +17,7 @@ static unsigned judge_block(const float *means, int first, int count)
                 return TOUCH_RATE;
         }
     }
-    return status & TOUCH_NOISE ? status & ~(unsigned)TOUCH_RATE : status;
+    return (status | known) & ~(unsigned)TOUCH_RATE ? status & ~(unsigned)TOUCH_RATE : status;
 }
 
 /* A frame joins the numbers of its tick, and of the touch that lasts; one without a previous frame is only kept. */
@@ -55,6 +56,15 @@ static void examine_frame(touch_health_t *h, const float *frame)
     join_look(&h->look, frame);
 }
 
+/* The pace of a touch from the features of a name: 1 if every second frame is lost, -1 if there are twice as many. */
+static float pace_of(const float *features)
+{
+    float pace = PACE_BIAS;
+    for (int k = 0; k < PACES; k++)
+        pace += pace_weights[k] * features[pace_places[k]];
+    return fminf(fmaxf(pace, -MOST_PACE), MOST_PACE);
+}
+
 /* A touch joins the numbers of its block, which may be the last of the block. */
 static void finish_touch(touch_health_t *h)
 {
@@ -64,6 +74,7 @@ static void finish_touch(touch_health_t *h)
         h->touched[k] += logf(numbers[k]);
     h->touched[7] += logf((float)h->at_largest / (float)h->look.frames);
     h->touched[8] += (float)h->repeated / (float)h->look.frames;
+    h->touched[9] += h->pace;
     if (++h->touches < TOUCHES)
         return;
     for (int k = 0; k < TOUCHEDS; k++)
@@ -71,7 +82,7 @@ static void finish_touch(touch_health_t *h)
     h->touched[TOUCHEDS - 1] = 0;
     for (int i = 0; i < TAXELS; i++)
         h->touched[TOUCHEDS - 1] += !(h->moved[i / 8] >> i % 8 & 1);
-    h->touch_status = judge_block(h->touched, QUIETS, TOUCHEDS);
+    h->touch_status = judge_block(h->touched, QUIETS, TOUCHEDS, h->quiet_status);
     memset(h->touched, 0, sizeof h->touched);
     memset(h->moved, 0, sizeof h->moved);
     h->touches = 0;
@@ -105,7 +116,7 @@ static void finish_tick(touch_health_t *h)
         return;
     for (int k = 0; k < QUIETS; k++)
         h->quiet[k] /= QUIET_TICKS;
-    h->quiet_status = judge_block(h->quiet, 0, QUIETS);
+    h->quiet_status = judge_block(h->quiet, 0, QUIETS, 0);
     memset(h->quiet, 0, sizeof h->quiet);
     h->quiet_ticks = 0;
 }

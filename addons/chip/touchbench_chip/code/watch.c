@@ -6,6 +6,7 @@ int touch_watch_init(touch_watch_t *w)
         return TOUCH_BAD;
     memset(w, 0, sizeof *w);
     w->level = LEVEL;
+    w->reject = REJECT;
     return 0;
 }
 
@@ -14,6 +15,14 @@ int touch_set_threshold(touch_watch_t *w, int point)
     if (!w || point < 0 || point >= TOUCH_POINTS)
         return TOUCH_BAD;
     w->level = levels[point];
+    return 0;
+}
+
+int touch_set_confidence(touch_watch_t *w, float least)
+{
+    if (!w || !(least >= 0 && least <= 1))
+        return TOUCH_BAD;
+    w->reject = least;
     return 0;
 }
 

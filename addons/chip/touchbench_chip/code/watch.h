@@ -1,5 +1,5 @@
 
-#define TOUCH_UNKNOWN -1 /* label of a touch that is unlike all gestures */
+#define TOUCH_UNKNOWN -1 /* label of a touch that is not named, as it is not sure enough */
 #define TOUCH_REPORTED 1 /* news: an event is reported, its label is another one, it is over */
 #define TOUCH_CHANGED 2
 #define TOUCH_ENDED 3
@@ -33,6 +33,10 @@ int touch_watch_init(touch_watch_t *w);
    touch that is over before it was reported is news once, TOUCH_ENDED. News come TOUCH_DELAY frames after the frame that
    decides, as the work is spread over these; the times of an event are those of its news. */
 int touch_watch(touch_watch_t *w, const float *frame, touch_event_t *event);
+
+/* Labels whose confidence is below this, 0 to 1, are TOUCH_UNKNOWN: what is named is right more often then. The
+   certificate of bench build tells how often at some confidences. */
+int touch_set_confidence(touch_watch_t *w, float least);
 
 /* So many frames are lost before the next one. Up to a second of them count as if the last frame were read again, and
    take as long; after more, a touch that lasts is over and the stream begins anew. Returns the last news. */

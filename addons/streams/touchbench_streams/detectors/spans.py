@@ -107,3 +107,8 @@ def find_spans(signs: np.ndarray, count: int, longest: int) -> list[Span]:
     touches = Touches(count, longest)
     spans = [*map(touches.step, signs.tolist()), touches.end_stream()]
     return [span for span in spans if span is not None]
+
+
+def last_spans(touches: list[Span]) -> list[tuple[int, int]]:
+    """The frames that each touch is named from last."""
+    return [touch.last or touch.named[-1] for touch in touches]

@@ -69,10 +69,11 @@ TOUCHED = (  # means over touches
     *(Number(UNLIKE, UNLIKE, LOG) for _ in range(4)),  # neighbours, and zeros
     Number(0, SATURATED, LOG),  # log of the count of readings that equal the largest, a frame
     Number(0, RATE, 0.1),  # share of frames that repeat the one before
+    Number(RATE, RATE, 0.1),  # pace (`touchbench_streams.detectors.pace`)
     Number(0, STUCK, 1.0),  # taxels that never changed in the block
 )
 NUMBERS = QUIET + TOUCHED
-TURNS, REPEATS, TOUCH_REPEATS = 3, 4, len(QUIET) + 8  # places
+REPEATS, TOUCH_REPEATS = 4, len(QUIET) + 8  # places
 
 
 @dataclass(frozen=True)
@@ -186,8 +187,15 @@ class Health:
         self.sums += [means.sum(), *gaps, count * (now == 0).mean(), repeats]
         self.touch_frames += count
 
-    def finish_tick(self, since: int, report: bool) -> list[tuple[int, np.ndarray]]:
+    def finish_tick(
+        self, since: int, report: bool, pace: float = 0.0
+    ) -> list[tuple[int, np.ndarray]]:
         """End a tick with the sign of the detector.
+
+        Args:
+            since: ticks since a touch began; 0 without touch.
+            report: True if a touch is reported.
+            pace: of the touch that this tick may end.
 
         Returns:
             Numbers of the blocks that end: place of the first number, and means.
@@ -196,7 +204,7 @@ class Health:
         if self.is_lasting and (report or since <= 1):
             self.is_lasting = False
             if self.touch_frames:
-                blocks += self._finish_touch()
+                blocks += self._finish_touch(pace)
         is_quiet = (not self.is_lasting and not since) or since > LONGEST_TICKS
         if report:
             self.is_lasting = True
@@ -209,16 +217,16 @@ class Health:
         if self.quiet_ticks == QUIET_TICKS:
             means = self.quiet / QUIET_TICKS
             self.quiet, self.quiet_ticks = np.zeros(len(QUIET)), 0
-            self.quiet_status = self._judge(0, means)
+            self.quiet_status = self._judge(0, means, 0)
             blocks.append((0, means))
         return blocks
 
-    def _finish_touch(self) -> list[tuple[int, np.ndarray]]:
+    def _finish_touch(self, pace: float) -> list[tuple[int, np.ndarray]]:
         """Add the numbers of a touch; return those of its block if it is the last."""
         mean, across, down, zeros, repeats = self.sums / self.touch_frames
         numbers = combine_statistics(mean, self.largest, self.least, across, down, zeros)
         at_largest = np.log(self.at_largest / self.touch_frames)
-        self.touched += [*numbers, at_largest, repeats, 0.0]
+        self.touched += [*numbers, at_largest, repeats, pace, 0.0]
         self.touches += 1
         if self.touches < TOUCHES:
             return []
@@ -226,11 +234,14 @@ class Health:
         means[-1] = (~self.moved).sum()
         self.touched, self.touches = np.zeros(len(TOUCHED)), 0
         self.moved[:] = False
-        self.touch_status = self._judge(len(QUIET), means)
+        self.touch_status = self._judge(len(QUIET), means, self.quiet_status)
         return [(len(QUIET), means)]
 
-    def _judge(self, first: int, means: np.ndarray) -> int:
-        """Reasons of a block. Repeated frames explain all others; noise explains turns."""
+    def _judge(self, first: int, means: np.ndarray, known: int) -> int:
+        """Reasons of a block besides known ones.
+
+        Repeated frames explain all others, and any other explains turns and pace.
+        """
         status = 0
         for k, value in enumerate(means, first):
             if value < self.limits.low[k]:
@@ -239,23 +250,37 @@ class Health:
                 status |= NUMBERS[k].above
                 if k in (REPEATS, TOUCH_REPEATS):
                     return RATE
-        return status & ~RATE if status & NOISE else status
+        return status & ~RATE if (status | known) & ~RATE else status
 
 
 def watch_health(
-    health: Health, frames: np.ndarray, signs: np.ndarray, count: int
+    health: Health, frames: np.ndarray, signs: np.ndarray, count: int, paces: np.ndarray
 ) -> tuple[np.ndarray, list[tuple[int, np.ndarray]]]:
-    """Status after each tick of a recording, int64 [ticks], and all its blocks."""
-    status, blocks = np.zeros(len(signs), np.int64), []
+    """Status after each tick of a recording, int64 [ticks], and all its blocks.
+
+    Args:
+        health: of a new stream.
+        frames: of the recording.
+        signs: of the detector, for each tick.
+        count: frames of a tick.
+        paces: of the touches, in order.
+    """
+    status, blocks, touch = np.zeros(len(signs), np.int64), [], 0
+    pace_of_touch = np.append(0.0, paces)  # by the count of reports so far
     for tick, (_, since, report) in enumerate(signs):
         health.take(frames[tick * count : (tick + 1) * count])
-        blocks += health.finish_tick(int(since), bool(report))
+        blocks += health.finish_tick(int(since), bool(report), float(pace_of_touch[touch]))
+        touch += int(report)
         status[tick] = health.status
     return status, blocks
 
 
 def learn_limits(
-    recordings: Corpus, signs: Sequence[np.ndarray], count: int, units: np.ndarray
+    recordings: Corpus,
+    signs: Sequence[np.ndarray],
+    count: int,
+    paces: Sequence[np.ndarray],
+    units: np.ndarray,
 ) -> Limits:
     """Learn the range of each number from the blocks of training recordings.
 
@@ -266,13 +291,14 @@ def learn_limits(
         recordings: training recordings.
         signs: of each recording, from a detector that was fitted without it.
         count: frames of a tick.
+        paces: of the touches of each recording, in order.
         units: name of the unit of each recording; units are left out together.
     """
     rows: dict[int, list[np.ndarray]] = {0: [], len(QUIET): []}
     owners: dict[int, list[str]] = {0: [], len(QUIET): []}
-    for unit, frames, of_recording in zip(units, recordings, signs, strict=True):
+    for i, unit in enumerate(units):
         health = Health(NO_LIMITS, recordings.full_scale)
-        for first, means in watch_health(health, frames, of_recording, count)[1]:
+        for first, means in watch_health(health, recordings[i], signs[i], count, paces[i])[1]:
             rows[first].append(means)
             owners[first].append(unit)
     low, high = NO_LIMITS.low.copy(), NO_LIMITS.high.copy()

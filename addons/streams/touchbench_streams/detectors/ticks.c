@@ -58,6 +58,7 @@ static void go_on_naming(touch_watch_t *w, int step)
         feature_step(&w->now, end, part->n, &part, 1, step);
         return;
     }
+    w->health.pace = pace_of(w->now.features);
     name(&w->now, proba);
     for (int c = 0; c < NAMED; c++)
         proba[c] *= (float)w->length;
@@ -83,7 +84,7 @@ static int label_of(touch_watch_t *w, int at_end, float *confidence)
         best = sum[c] > sum[best] ? c : best;
     }
     *confidence = sum[best] / weight;
-    return *confidence > 0 && *confidence >= REJECT ? class_of[best] : TOUCH_UNKNOWN;
+    return *confidence > 0 && *confidence >= w->reject ? class_of[best] : TOUCH_UNKNOWN;
 }
 
 /* Whether the touch needs a name from the part before the last tick. */

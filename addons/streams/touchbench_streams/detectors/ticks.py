@@ -34,7 +34,15 @@ from touchbench_streams.detectors.names import (
     longest_part,
     name_probabilities,
 )
-from touchbench_streams.detectors.spans import GROWTH, Span, Touches, average_blocks, find_spans
+from touchbench_streams.detectors.pace import MOST, NO_PACE, Pace, learn_pace
+from touchbench_streams.detectors.spans import (
+    GROWTH,
+    Span,
+    Touches,
+    average_blocks,
+    find_spans,
+    last_spans,
+)
 from touchbench_streams.detectors.status import (
     NO_LIMITS,
     NOISE,
@@ -88,8 +96,13 @@ def learn_watcher(
     signs = [
         run_rules(one.rules(level), series) for one, series in zip(others, evidence, strict=True)
     ]
-    limits = learn_limits(recordings.corpus, signs, count, held_out_units(recordings))
-    watcher = TickWatcher(system, names, fitted, level, count, points=points, limits=limits)
+    longest, units = longest_part(corpus.rate_hz, count), held_out_units(recordings)
+    spans = [last_spans(find_spans(one, count, longest)) for one in signs]
+    pace, paces = learn_pace(stepped, units, spans)
+    limits = learn_limits(recordings.corpus, signs, count, paces, units)
+    watcher = TickWatcher(
+        system, names, fitted, level, count, points=points, limits=limits, pace=pace
+    )
     return watcher, sweep
 
 
@@ -122,6 +135,7 @@ class TickWatcher:
     points: tuple[tuple[float, float, float, float], ...] = ()
     slices: int = 1
     limits: Limits = NO_LIMITS
+    pace: Pace = NO_PACE
 
     @property
     def delay(self) -> int:
@@ -177,6 +191,11 @@ class TickWatcher:
             state = ("float tick[{TAXELS}];  /* sum of its frames */", *state)
         classes_of_names = np.searchsorted(classes, namer.classes_.astype(str)).astype(np.int8)
         limits, limit_arrays = self.limits.in_c()
+        limits |= {"PACES": len(self.pace.places), "PACE_BIAS": self.pace.bias, "MOST_PACE": MOST}
+        limit_arrays |= {
+            "pace_places": self.pace.places.astype(np.int16),
+            "pace_weights": self.pace.weights.astype(np.float32),
+        }
         return replace(
             of_detector,
             code=f"{read_c_beside(__file__)}\n{of_detector.code}",
@@ -229,11 +248,14 @@ class TickWatcher:
 
     def find_status(self, recordings: Corpus, evidence: list[np.ndarray]) -> list[np.ndarray]:
         """Bits of the status after each frame of each recording, as if frames came one by one."""
-        found = []
-        for frames, series in zip(recordings, evidence, strict=True):
+        found, stepped = [], self.apply_frame_steps(recordings)
+        longest = longest_part(stepped.rate_hz, self.count)
+        for i, (frames, series) in enumerate(zip(recordings, evidence, strict=True)):
             signs = run_rules(self.detector.rules(self.level), series)
+            spans = last_spans(find_spans(signs, self.count, longest))
+            paces = self.pace.of_spans(stepped[[i]], spans)
             health = Health(self.limits, recordings.full_scale)
-            of_ticks, _ = watch_health(health, frames, signs, self.count)
+            of_ticks, _ = watch_health(health, frames, signs, self.count, paces)
             of_ticks |= NOISE * self.detector.find_refused(series)
             tick = np.arange(1, len(frames) + 1) // self.count  # complete ones
             is_saturated = find_saturated(frames, recordings.full_scale)
@@ -335,7 +357,7 @@ class TickStream:
         self.ring: deque[np.ndarray] = deque(maxlen=watcher.detector.memory)
         capacity = (max(longest, watcher.detector.latest + 1) + 1) * watcher.count
         self.recent = Recent(capacity + STEP_MEMORY, grid, rate_hz, full_scale)
-        self.is_refused = False
+        self.is_refused, self.pace = False, 0.0  # of the last name
         self.news: list[Event] = []  # of the last tick
         self._reset_touch()
 
@@ -406,7 +428,6 @@ class TickStream:
         evidence = self.watcher.detector.evidence(np.stack(self.ring))[-1:]
         self.is_refused = bool(self.watcher.detector.find_refused(evidence)[0])
         sign = self.rules.step(evidence[0])
-        self.health.finish_tick(sign.since, sign.report)
         ended = self.touches.step(sign)
         news = []
         if ended is not None and self.event is not None:
@@ -415,6 +436,7 @@ class TickStream:
             end = ended.end + delay
             news.append(replace(self.event, label=label, confidence=confidence, end=end))
             self._reset_touch()
+        self.health.finish_tick(sign.since, sign.report, self.pace)
         lasting = self.touches.lasting
         if lasting is not None:
             self._add_names(lasting, recording)
@@ -448,4 +470,5 @@ class TickStream:
         dropped = self.recent.seen - len(self.recent.frames)
         spans = np.array([begin - dropped]), np.array([end - dropped])
         (proba,) = name_probabilities(self.watcher.names, recording, *spans)
+        (self.pace,) = self.watcher.pace.of_spans(recording, [(begin - dropped, end - dropped)])
         return (end - begin) * proba, float(end - begin)
