@@ -248,9 +248,11 @@ def format_share(share: float | None) -> str:
     return "unknown" if share is None else f"{100 * share:.1f} %"
 
 
-def format_number(value: float | None, form: str = ".3g") -> str:
-    """Format a number, or "unknown"."""
-    return "unknown" if value is None else format(value, form)
+def format_number(value: float | None) -> str:
+    """Format a number with three digits, or "unknown"."""
+    if value is None:
+        return "unknown"
+    return f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}"
 
 
 def summary_lines(facts: Mapping[str, Any]) -> list[str]:

@@ -21,7 +21,7 @@ from touchbench_builder.bounds import (
 )
 
 SHAPES = np.geomspace(0.1, 30, 30)  # of people's rates: the inverse squared relative spread
-LIKELY_SHAPE, SHAPE_SPREAD = 1.0, 1.0  # median, and SD of the logarithm; HAART's is about 1
+LIKELY_SHAPE, SHAPE_SPREAD = 1.0, 1.0  # median, and SD of the logarithm
 MEANS = np.geomspace(1 / 30, 30, 120)  # multiples of the pooled rate
 DRAWS = 40_000
 TIME_SPREAD = 0.2  # SD between people of the logarithm of a time: HAART's is 0.1 to 0.2
@@ -89,6 +89,7 @@ def _draw_rates(events: np.ndarray, amounts: np.ndarray, people: int) -> np.ndar
     logs = gammaln(events + shape) - gammaln(shape) - shape * np.log1p(expected / shape)
     logs = (logs + events * np.log(expected / (shape + expected))).sum(axis=-1)
     logs -= (np.log(SHAPES[:, None] / LIKELY_SHAPE) / SHAPE_SPREAD) ** 2 / 2
+    logs += np.log(MEANS) / 2  # the prior of Jeffreys, for a Poisson rate
     weights = np.exp(logs - logs.max())
     rng = np.random.default_rng(0)
     drawn = rng.choice(weights.size, DRAWS, p=weights.ravel() / weights.sum())
