@@ -5,7 +5,7 @@ import subprocess
 
 import pytest
 
-from addons.chip.tests.compiled import describe_missing, fit_system, write_files
+from addons.chip.tests.compiled import STRICT, describe_missing, fit_system, write_files
 from addons.streams.tests.test_c import fit_watcher
 from touchbench_builder import folder
 
@@ -64,3 +64,18 @@ def test_a_frame_is_read_every_period_and_lost_ones_are_told(name, tmp_path):
     assert missed == ([10] if name == "watch" else [])
     assert set(words) <= {*recogniser.classes, "ended", "unknown"}
     assert name == "watch" or words
+
+
+@pytest.mark.skipif(bool(describe_missing("gcc")), reason=describe_missing("gcc"))
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_the_example_in_c_compiles_and_tells_what_to_do(name, tmp_path):
+    write_files(SYSTEMS[name](), tmp_path)
+    # a sensor whose frames are refused
+    code = (folder.CODE / "example.c").read_text()
+    code = code.replace("return n++", "frame[0] = -TOUCH_FULL_SCALE;\n    return n++")
+    (tmp_path / "example.c").write_text(code)
+    call = ["gcc", *STRICT, "-Wconversion", "example.c", "touch.c", "-lm", "-o", "example"]
+    subprocess.run(call, cwd=tmp_path, check=True, capture_output=True)
+    done = subprocess.run([tmp_path / "example"], capture_output=True, text=True, check=True)
+    expected = "out of range: correct" if name == "watch" else "a frame was refused"
+    assert done.stderr.startswith(expected)
