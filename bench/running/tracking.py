@@ -27,21 +27,20 @@ from bench.errors import InputError
 from bench.ground.digests import DIGITS, append_digest, split_digest
 from bench.ground.machine import Machine
 from bench.ground.progress import warn
-from bench.ground.source import git_revision, package_versions
+from bench.ground.source import git_revisions, package_versions
 from bench.plan.cells import Cell
 from bench.plan.plan import Fold, Plan
 from bench.running.evaluation import measure_run
 from bench.running.results import FoldResult, combine_costs
 from bench.store.client import FOLD_PREFIX, Store, run_attributes
 from bench.store.tables import CSV_TABLES, as_stored, read_table, table_file, write_table
-from bench.values.result import FAILED_TAG, Failure, Result
+from bench.values.result import FAILED_TAG, GRIDS_TAG, Failure, Result
 
 if TYPE_CHECKING:
     from mlflow.entities import Run, RunInfo
 
 TABLES = ("predictions", "trials", "tables")  # fields of a fold stored as tables; others as text
 FOLDS = "folds"  # folder of a run with its folds; later the name of their table
-GRIDS = "touchbench.grids"  # tag: digests of the files that name the run; not part of its key
 
 
 def identity_tags(plan: Plan) -> dict[str, str]:
@@ -80,7 +79,8 @@ def run_params(plan: Plan) -> dict[str, str]:
             content = Path(part.name.rpartition(":")[0]).read_bytes()
             params[f"{name}_file"] = hashlib.sha256(content).hexdigest()
     params |= _with_prefix("tuning", cell.tuning or {})
-    params |= {"threads": plan.threads, "git": git_revision()}
+    own_files = [part.name.rpartition(":")[0] for part in cell.parts if part.module]
+    params |= {"threads": plan.threads, "git": git_revisions(*own_files)}
     params |= _with_prefix("version", package_versions(cell.model.packages()))
     if plan.folds:
         options = cell.protocol.parameters | cell.protocol.changed_parameters()
@@ -188,9 +188,9 @@ class TrackedRun:
             result, reason = self.finished_folds.get(fold.name), self.reasons.get(fold.name, "")
             status = "FAILED" if result is None or reason else "FINISHED"
             row: dict[str, object] = {"fold": fold.name, "status": status}
-            row["seconds"] = result.seconds if result else float("nan")  # a column in any case
+            row |= {"seconds": float("nan")} | dict.fromkeys(Machine._fields)  # columns in any case
             if result:
-                row |= result.tracked_metrics
+                row |= result.tracked_metrics | {"seconds": result.seconds}
                 row |= result.machine._asdict() if result.machine else {}
             rows.append(row | {"error": reason})
         return as_stored(pd.DataFrame(rows))
@@ -266,8 +266,8 @@ def open_run(store: Store, plan: Plan, run: Run | None, grid: str = "") -> Track
 
 def _grids_tag(run: Run | None, grid: str) -> dict[str, str]:
     """The tag with the digests of the files that name a run, and a new one."""
-    digests = run.data.tags.get(GRIDS, "").split(", ") if run else []
-    return {GRIDS: ", ".join(dict.fromkeys([*filter(None, digests), grid]))}
+    digests = run.data.tags.get(GRIDS_TAG, "").split(", ") if run else []
+    return {GRIDS_TAG: ", ".join(dict.fromkeys([*filter(None, digests), grid]))}
 
 
 def _run_name(cell: Cell) -> str:
