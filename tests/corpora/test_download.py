@@ -134,6 +134,13 @@ def test_a_refusal_is_one_line_that_says_what_to_do_by_hand(server, plan, busy, 
     assert message.isprintable() and all(word in message for word in facts), message
 
 
+def test_a_proxy_of_the_environment_is_used(server, monkeypatch):
+    monkeypatch.setenv("http_proxy", server.address)
+    server.address = "http://touch.example"  # no such host: the proxy alone can answer
+    server.plan = [PIECE]
+    assert get(server) == WHOLE
+
+
 def test_nobody_answers(server, monkeypatch):
     server.address = "http://127.0.0.1:9"
     with pytest.raises(InputError, match="cannot be reached: Connection refused"):

@@ -20,6 +20,8 @@ from bench.cli import main
 from bench.errors import InputError
 from touchbench_recorder import evening as evening_of
 from touchbench_recorder.checks import check_corner, check_rest, check_strokes
+from touchbench_recorder.files import Files
+from touchbench_recorder.screen import Keys
 from touchbench_streams.sensor import open_sensor
 from touchbench_streams.sensor_frames import Frame, Gaps, Lines, Packets, remove_cobs
 
@@ -62,6 +64,32 @@ def test_an_evening_is_prompted_and_every_frame_is_written(encode, capsys):
     assert main(["data", "import", "table", "day1.csv", "name=day1", *layout]) == 0
     assert main(["data", "import", "recording", "day1-stream.csv", "name=stream", *layout]) == 0
     assert "6 captures of 1 people" in capsys.readouterr().out
+
+
+def test_keys_repeat_pause_and_stop(monkeypatch, capsys):
+    """r takes the last capture back, a pause begins the prompt anew, q stops; then it continues."""
+    keys = {1: ["r"], 2: [" ", " "], 3: ["q"]}  # once so many captures are written
+    written = []
+    add = Files.add_capture
+
+    def add_and_note(files, *capture):
+        add(files, *capture)
+        written.append(capture[1:3])
+
+    def take(_):
+        waiting = keys.get(len(written), [])
+        return waiting.pop(0) if waiting else ""
+
+    monkeypatch.setattr(Files, "add_capture", add_and_note)
+    monkeypatch.setattr(Keys, "take", take)
+    assert record(Player(FRAMES, RATE), gestures="tap,pat", background=0) == 0
+    assert "stopped; the same command continues" in capsys.readouterr().err
+    assert len(written) == 3 and written[0] == written[1]
+    assert record(Player(FRAMES, RATE), gestures="tap,pat", background=0) == 0
+    captures = pd.read_csv("day1.csv")
+    prompts = captures.loc[captures["frame"] == 1, ["gesture", "repetition"]]
+    assert len(prompts) == 4 and not prompts.duplicated().any()
+    assert captures.groupby(["gesture", "repetition"]).size().between(30, 60).all()
 
 
 def test_lost_frames_begin_another_recording_and_the_prompt_is_repeated(capsys):
@@ -207,7 +235,7 @@ def test_checks_by_hand():
     assert "check full_scale=" in check_strokes(stroked, (2, 3), 65535)[1]
     for taxel, word in ((2, ""), (0, "mirrored"), (3, "transposed"), (5, "upside down")):
         press = arrivals(np.eye(6)[[taxel] * 50] * 500 + 3)
-        lines = check_corner(quiet, press, (2, 3))
+        lines = check_corner(quiet, press, (2, 3), 1023)
         assert (word in lines[0]) if word else not lines
 
 

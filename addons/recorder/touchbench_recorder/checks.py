@@ -13,6 +13,7 @@ AT_REST = 0.05  # of full scale, mean of all taxels
 JITTER = 0.5  # periods, of the middle nine tenths of the times between frames
 LOW = 0.1  # of full scale: a press that stays below it suggests another full scale
 SATURATED = 0.1  # share of readings at full scale at rest
+SEEN = 0.02  # of full scale, by which a press raises a taxel
 LOST = 0.02  # share of frames
 
 
@@ -70,12 +71,14 @@ def check_strokes(frames: Sequence[Frame], grid: tuple[int, int], full_scale: fl
     return lines
 
 
-def check_corner(rest: Sequence[Frame], press: Sequence[Frame], grid: tuple[int, int]) -> list[str]:
+def check_corner(
+    rest: Sequence[Frame], press: Sequence[Frame], grid: tuple[int, int], full_scale: float
+) -> list[str]:
     """Look at a press on the corner at the end of the first row."""
     rows, cols = grid
     rise = np.mean([frame.values for frame in press], axis=0)
     rise = rise - np.mean([frame.values for frame in rest], axis=0)
-    if rise.max() <= 0:
+    if rise.max() < SEEN * full_scale:
         return ["no press was seen; press the corner harder, and repeat the command"]
     row, col = divmod(int(rise.argmax()), cols)
     is_first, is_last = row < rows / 2, col >= cols / 2

@@ -210,7 +210,7 @@ def _check_sensor(stage: Stage) -> None:
     lines = [
         *check_rest(rest, evening.rate_hz, evening.full_scale),
         *check_strokes(strokes, stage.grid, evening.full_scale),
-        *check_corner(rest, press, stage.grid),
+        *check_corner(rest, press, stage.grid, evening.full_scale),
     ]
     for line in lines:
         warn(f"warning: {line}")
