@@ -23,7 +23,7 @@ ALLOWED = re.compile(
     r"touchbench\.cell|#/experiments/|(correct|fill) the cell|within a cell|(instants|slices)\.csv"
     r"|bench\.plans|the experiment {} of|mlflow experiments|deleted experiment"
     r"|bench\.reading\.(choice|compare)|told apart|optional[ -]methods|attributes and methods"
-    r"|the method and the precision"
+    r"|the method and the precision|slices="
 )
 REPLACED = {"single slices", "single slices under faults"}  # stored names, printed as others
 
