@@ -12,6 +12,7 @@ PARTS = {
     "hughes36": "bench.features.hughes36:Hughes36",
     "ta273": "bench.features.ta273:Ta273",
     "touch": "bench.features.touch:TouchFeatures",
+    "touch_profiles": "bench.features.touch_profiles:TouchProfiles",
 }
 # Parts that were designed on a corpus: the corpus, and a note for tables of results on it
 HAART_NOTE = (
@@ -19,4 +20,7 @@ HAART_NOTE = (
     "HAART's ten people, the training subjects of its challenge split. "
     "LOSO tests on these seven, too."
 )
-DESIGNED_ON = {"touch": ("haart", HAART_NOTE)}
+PROFILES_NOTE = (
+    "The features touch_profiles were designed on all ten people of HAART. LOSO tests on them, too."
+)
+DESIGNED_ON = {"touch": ("haart", HAART_NOTE), "touch_profiles": ("haart", PROFILES_NOTE)}

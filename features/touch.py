@@ -108,7 +108,7 @@ class TouchFeatures(FeatureSet):
         if len(corpus):
             values, first = _signals_of_corpus(corpus)
             stored, starts = shared_frames(corpus)
-            for rows in _equal_length_batches(corpus):
+            for rows in equal_length_batches(corpus):
                 length = corpus.lengths[rows[0]]
                 frames = np.arange(length)
                 raw = stored[starts[rows][:, None] + frames].reshape(len(rows), length, -1)
@@ -171,7 +171,7 @@ def _signals_between(corpus: Corpus, begin: int, end: int) -> np.ndarray:
     return values
 
 
-def _equal_length_batches(corpus: Corpus) -> Iterator[np.ndarray]:
+def equal_length_batches(corpus: Corpus) -> Iterator[np.ndarray]:
     """Yield positions of captures of equal length, in batches of limited size."""
     order = np.argsort(corpus.lengths, kind="stable")
     taxels = corpus.grid[0] * corpus.grid[1]

@@ -18,6 +18,7 @@ from bench.features.jung54 import Jung54
 from bench.features.selection import Subset
 from bench.features.ta273 import Ta273
 from bench.features.touch import TouchFeatures
+from bench.features.touch_profiles import TouchProfiles
 from bench.features.wingerden45 import Wingerden45
 from tests.conftest import random_corpus, with_other_values
 from tests.features.captures import corpus_of, row_of
@@ -34,6 +35,7 @@ WIDTH = {  # columns for 8 x 8 taxels and three gestures
     Gaus(("bmh", "lbptop")): 241,
     Ta273(): 273,
     TouchFeatures(): 427,
+    TouchProfiles(): 469,
     Subset(Jung28(), 6): 6,
     QUICK_HUGHES36: 14,
 }

@@ -22,6 +22,7 @@ from bench.features.jung28 import Jung28
 from bench.features.jung54 import Jung54
 from bench.features.ta273 import Ta273
 from bench.features.touch import TouchFeatures
+from bench.features.touch_profiles import TouchProfiles
 from bench.features.wingerden45 import Wingerden45
 from tests.features.captures import (
     GRIDS,
@@ -324,3 +325,31 @@ def test_columns_that_only_rounding_moves_are_constant():
     assert still.eq(0).all(axis=None) and table["row_mean"].round(6).eq(0.5).all()
     varied = TouchFeatures().transform(generate(subjects=1, repetitions=1))
     assert (varied.std() > 1e-6).all()  # generated gestures differ in every column
+
+
+@given(st.integers(0, 1000), st.sampled_from(GRIDS), st.sampled_from([5.0, 54.0]))
+def test_covariances_of_profiles_equal_a_loop(seed, grid, rate):
+    arrays = ragged_frames(seed, grid)
+    table = TouchProfiles().extract(corpus_of(arrays, None, rate))
+    for row, frames in zip(table.to_dict("records"), arrays, strict=True):
+        for lines, axis in (("rows", 2), ("cols", 1)):
+            profile = (frames / 1023).mean(axis=axis)
+            profile = profile - profile.mean(axis=0)
+
+            def covariance(lag, shift, profile=profile):
+                pairs = [
+                    profile[t - lag, line] * profile[t, line + shift]
+                    for t, line in np.ndindex(profile.shape)
+                    if t >= lag and 0 <= line + shift < profile.shape[1]
+                ]
+                return np.arcsinh(mean_or_0(pairs) / 1.8e-7)
+
+            expected = {"after_0_ms": (0, 0), "after_0_ms_next": (0, 1)}
+            for ms in (20, 40, 60, 80, 110, 150, 200, 280, 370):
+                expected[f"after_{ms}_ms"] = (max(1, round(ms / 1000 * rate)), 0)
+            for ms in (20, 40, 80, 150, 280):
+                for side, shift in (("next", 1), ("previous", -1)):
+                    expected[f"after_{ms}_ms_{side}"] = (max(1, round(ms / 1000 * rate)), shift)
+            found = {k: v for k, v in row.items() if k.startswith(f"{lines}_after")}
+            by_loop = {f"{lines}_{name}": covariance(*pair) for name, pair in expected.items()}
+            assert found == pytest.approx(by_loop, rel=1e-4, abs=1e-5)

@@ -15,6 +15,7 @@ import pytest
 from bench.corpora.synth import generate
 from bench.features.jung28 import Jung28
 from bench.features.touch import TouchFeatures
+from bench.features.touch_profiles import TouchProfiles
 from bench.models.classic.bayes import bayes
 from bench.models.classic.lda import lda
 from bench.models.classic.perceptron import Perceptron
@@ -38,6 +39,7 @@ SYSTEMS = {
     "reflex": lambda: Reflex(units=6, copies=1, window=0.4, early=0.2),
     "lda": lambda: Recipe(lda(TouchFeatures()), **WINDOW),
     "lda denoised": lambda: Recipe(lda(TouchFeatures()), window=0.4, repair=("dead", "noise")),
+    "lda on profiles": lambda: Recipe(lda(TouchProfiles()), **WINDOW),
     "lda scaled": lambda: Recipe(
         lda(TouchFeatures()), window=0.4, repair=("offset",), scale="peak"
     ),

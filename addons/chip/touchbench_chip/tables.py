@@ -21,6 +21,12 @@ from bench.features.touch import (
     SPECTRUM_POINTS,
     TouchFeatures,
 )
+from bench.features.touch_profiles import (
+    COVARIANCE_SCALE,
+    PROFILE_PAIRS,
+    TouchProfiles,
+    pair_frames,
+)
 from bench.models.recipe import Recipe
 from bench.models.reflex import Reflex
 from bench.models.steps import SETTLED_S, Repair, Scale
@@ -92,6 +98,8 @@ def collect_contents(recogniser: Recogniser, bits: int) -> CContents:
         longest = LONGEST_TOUCH if name == "touch" else recogniser.longest
         early_windows = next((step for step in early_steps if isinstance(step, Windows)), None)
         sizes = _window_defines(windows, early_windows, recogniser.rate_hz)
+        has_profiles = isinstance(system.steps[0][1], TouchProfiles)
+        sizes |= _profile_defines(has_profiles, recogniser.rate_hz)
         deciders = {"decide": convert_classifier(system, width, bits)}
         if early_system is not None:
             deciders["decide_early"] = convert_classifier(early_system, width, bits)
@@ -120,10 +128,10 @@ def collect_contents(recogniser: Recogniser, bits: int) -> CContents:
         defines |= _watch_defines(watch, recogniser, sizes, step)
         points = watcher.points
         arrays |= watch.arrays | {"levels": np.array([level for level, *_ in points], np.float32)}
-        taxels = int(np.prod(recogniser.grid))
         for function, part in watch.deciders.items():
             decider = convert_classifier(part, width, bits)
-            costs = _step_costs(taxels, watch.part, sizes["SEGMENT"], decider)
+            profiled = recogniser.grid if has_profiles else ()
+            costs = _step_costs(recogniser.grid, profiled, watch.part, sizes["SEGMENT"], decider)
             deciders[function] = replace(
                 decider, classes=str(len(part.classes_)), defines=decider.defines | costs
             )
@@ -228,6 +236,17 @@ def _window_defines(
     }
 
 
+def _profile_defines(has_profiles: bool, rate_hz: float) -> dict[str, Any]:
+    """Lags and shifts of the covariances of profiles, if there are any."""
+    defines: dict[str, Any] = {"PROFILES": int(has_profiles)}
+    if has_profiles:
+        columns = {"FRAMES": pair_frames(rate_hz), "SHIFTS": [shift for _, shift in PROFILE_PAIRS]}
+        defines |= {"PAIRS": len(PROFILE_PAIRS), "COVARIANCE_SCALE": format_float(COVARIANCE_SCALE)}
+        for name, values in columns.items():
+            defines[f"PAIR_{name}"] = f"{{{', '.join(map(str, values))}}}"
+    return defines
+
+
 def yields_fractions(step: Step) -> bool:
     """Return True if a step can yield readings between those of the sensor."""
     return isinstance(step, Scale) or (isinstance(step, Repair) and step.kinds != ("offset",))
@@ -263,11 +282,14 @@ def _watch_defines(
     return defines
 
 
-def _step_costs(taxels: int, part: int, segment: int, decider: Decider) -> dict[str, str]:
+def _step_costs(
+    grid: tuple[int, int], profiled: tuple[int, ...], part: int, segment: int, decider: Decider
+) -> dict[str, str]:
     """Estimate the steps to a decision, in thousands of instructions: features, classifier.
 
     Args:
-        taxels: number of taxels.
+        grid: rows and columns.
+        profiled: lines of each profile that has covariances.
         part: most frames that features describe.
         segment: frames of a segment of spectra.
         decider: the classifier.
@@ -279,7 +301,9 @@ def _step_costs(taxels: int, part: int, segment: int, decider: Decider) -> dict[
     weights = sum(values.size for values in decider.arrays.values()) * visits_all
     spectra = [FETCHED * part + TERM * terms] * len(SPECTRAL_SIGNALS)
     steps = [DESCRIBED * part] * len(SIGNALS) + spectra
-    steps += [SPREAD * taxels] * 3 + [WEIGHED * weights]
+    steps += [SPREAD * grid[0] * grid[1]] * 3
+    steps += [TERM * len(PROFILE_PAIRS) * part * lines for lines in profiled]
+    steps += [WEIGHED * weights]
     costs = [max(1, round(step)) for step in steps]
     return {"COSTS": f"{{{', '.join(map(str, costs))}}}", "COST": str(sum(costs))}
 

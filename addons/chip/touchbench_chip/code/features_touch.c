@@ -10,7 +10,8 @@ static const int edges[BANDS + 1] = {0, 1, 2, 3, 4, 6, 8, 12, 16, 24, 32}; /* in
 enum {
     SPECTRA = STATISTICS * SIGNALS, /* features before those of spectra, and of the taxels; steps to all */
     OF_TAXELS = SPECTRA + (BANDS + 2) * SPECTRAL + LAGS * LAGGED + 3,
-    FEATURE_STEPS = SIGNALS + SPECTRAL + 3
+    OF_PROFILES = OF_TAXELS + 3 * (SPREAD + 1),
+    FEATURE_STEPS = SIGNALS + SPECTRAL + 3 + 2 * PROFILES
 };
 
 static float ratio(float a, float b) { return b > 0 ? a / b : 0; }
@@ -217,15 +218,24 @@ static void spectrum(touch_t *t, const float *x, int n, int place, float *found)
             part[i] = (x[begin + i] - mean) * weight;
             window_square += weight * weight;
         }
+        for (int i = length; i < points; i++)
+            part[i] = 0;
+        for (int i = 1; 2 * i < points; i++) { /* sums and differences of values with the same cosine */
+            float other = part[points - i];
+            part[points - i] = part[i] - other;
+            part[i] += other;
+        }
         for (int k = 1; k <= bins; k++) {
-            float re = 0, im = 0;
+            float re = part[0], im = 0;
             int angle = 0;
-            for (int i = 0; i < length; i++) {
-                re += part[i] * t->cosine[angle];
-                im += part[i] * t->sine[angle];
+            if (points % 2 == 0)
+                re += k % 2 ? -part[bins] : part[bins];
+            for (int i = 1; 2 * i < points; i++) {
                 angle += k;
                 if (angle >= points)
                     angle -= points;
+                re += part[i] * t->cosine[angle];
+                im += part[points - i] * t->sine[angle];
             }
             power[k - 1] += re * re + im * im;
         }
@@ -380,6 +390,31 @@ static void signal_features(touch_t *t, int end, int n, int s)
     }
 }
 
+#if PROFILES
+/* Covariances of some lines, rows or columns, in the n frames before frame `end`: with themselves or the next ones. */
+static void covariances(const touch_t *t, int end, int n, int first, int lines, float *found)
+{
+    static const int pair_lags[PAIRS] = PAIR_FRAMES, shifts[PAIRS] = PAIR_SHIFTS;
+    float means[ROWS > COLS ? ROWS : COLS];
+    for (int l = 0; l < lines; l++) {
+        means[l] = 0;
+        for (int i = end - n; i < end; i++)
+            means[l] += t->profiles[i % RING][first + l] / (float)n;
+    }
+    for (int k = 0; k < PAIRS; k++) {
+        int lag = pair_lags[k], shift = shifts[k], low = shift < 0 ? -shift : 0, high = lines - (shift > 0 ? shift : 0);
+        int pairs = (n - lag) * (high - low);
+        float sum = 0;
+        for (int i = end - n + lag; i < end; i++) {
+            const float *later = &t->profiles[i % RING][first], *earlier = &t->profiles[(i - lag) % RING][first];
+            for (int l = low; l < high; l++)
+                sum += (earlier[l] - means[l]) * (later[l + shift] - means[l + shift]);
+        }
+        found[k] = pairs > 0 ? asinhf(sum / (float)pairs / COVARIANCE_SCALE) : 0;
+    }
+}
+#endif
+
 /* A step of the features of the n frames before frame `end`: a signal, then a spectrum, then a number of the taxels,
    after the other. The parts hold what the taxels did in these frames. */
 static void feature_step(touch_t *t, int end, int n, const touch_part_t *const *parts, int count, int step)
@@ -393,6 +428,11 @@ static void feature_step(touch_t *t, int end, int n, const touch_part_t *const *
         for (int i = 0; i < n; i++)
             t->series[i] -= found[5 * SIGNALS + s]; /* its mean */
         spectrum(t, t->series, n, place, found + SPECTRA);
+#if PROFILES
+    } else if (step >= SIGNALS + SPECTRAL + 3) {
+        int is_cols = step > SIGNALS + SPECTRAL + 3;
+        covariances(t, end, n, is_cols ? ROWS : 0, is_cols ? COLS : ROWS, found + OF_PROFILES + is_cols * PAIRS);
+#endif
     } else {
         int kind = step - SIGNALS - SPECTRAL;
         for (int i = 0; i < TAXELS; i++)
@@ -444,6 +484,15 @@ static void join_signals(touch_t *t)
         t->before[i] = t->seen ? t->before[i] : t->frame[i];
     }
     signals_of(t->frame, t->before, t->signals[t->seen % RING]);
+#if PROFILES
+    float *profile = t->profiles[t->seen % RING];
+    for (int k = 0; k < ROWS + COLS; k++)
+        profile[k] = 0;
+    for (int i = 0; i < TAXELS; i++) {
+        profile[i / COLS] += t->frame[i] / COLS;
+        profile[ROWS + i % COLS] += t->frame[i] / ROWS;
+    }
+#endif
 }
 
 static void take(touch_t *t, const float *frame)
