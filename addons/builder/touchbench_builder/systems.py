@@ -8,6 +8,7 @@ import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +26,7 @@ from bench.grammar.options import (
     typed_settings,
     values_from_keywords,
 )
+from bench.ground.machine import BUSY_SLOWDOWN
 from bench.ground.progress import format_estimate, format_seconds
 from bench.models.search import portfolio
 from bench.plan.grid import make_cells
@@ -32,11 +34,12 @@ from bench.plan.plan import captures_of_cell
 from bench.reading import choice as rule
 from bench.reading.scene import Scene, load_boards
 from bench.running.fit import fit
-from bench.running.loop import estimate_seconds, find_stored_runs, run_plans
+from bench.running.loop import Interrupted, estimate_seconds, find_stored_runs, run_plans
 from bench.running.saved import Recogniser, load_recogniser
 from bench.store.client import connect
 from bench.values.measures import all_costs
 from bench.values.scores import label_captures
+from touchbench_builder.deadline import LimitedExecutor, OutOfTime
 from touchbench_builder.slices import most_instructions, needed_ram, spread_work
 from touchbench_builder.stream import select_people
 from touchbench_chip.measure import ROOMY, measure_footprint, measure_watching, missing_programs
@@ -68,7 +71,9 @@ REPAIR = "stuck+dead"
 SMALLEST_SYSTEM: dict[str, object] = {"model": "tree", "features": "jung28"}
 LARGEST_SYSTEM: dict[str, object] = {"model": "reflex", "model.bits": BITS}
 LARGEST_S = 60.0  # of a fit on one core
-DEFAULT_FAULTS = ("dead_taxels", "stuck_taxels", "noise")  # if the scene names none
+DEFAULT_FAULTS = (
+    *("noise", "offset_drift", "gain_drift", "lower_rate", "dead_taxels", "stuck_taxels"),
+)  # if the scene names none
 # As multiples of the processor time of a comparison on captures: a fault, and the last fit.
 FAULT_TIME, LAST_FIT_TIME = 2.5, 2.0
 # The same of a comparison on streams: all faults with it, captures, and in folds, the last fit.
@@ -175,7 +180,8 @@ def compare_systems(
     settings, budgets = _read_budgets(scene, limits, watches)
     budget = 1000 * budgets.get("cycles", np.inf)
     frame_limit = most_instructions(scene.board, corpus.rate_hz, budget)
-    longest = slowest = 0.0
+    longest = slowest = reserve = 0.0
+    slowdown, was_stopped = 1.0, False
     for number, (values, fit_seconds) in enumerate(systems, 1):
         title, left = system_title(values), progress.seconds_left
         keys = on | {"protocol": "loso"} | values
@@ -184,10 +190,15 @@ def compare_systems(
         plan = pairs[0][0]
         seconds = max(slowest, fit_seconds * len(plan.folds) / plan.workers)
         needed = max(longest, seconds) + sum(later_seconds(plan, scene, seconds))
-        if results and left < needed and find_stored_runs(connect(), [plan])[1]:
+        first = seconds * plan.workers / len(plan.folds)  # until it is known better
+        is_tried = not was_stopped and left >= first + reserve
+        is_new = bool(results) and bool(find_stored_runs(connect(), [plan])[1])
+        if is_new and left < needed and not is_tried:
             estimate = f"with its tests and its last fit, it would take {format_estimate(needed)}"
             left_out.append(f"{title}: {estimate}; raise seconds=")
             continue
+        if is_new:
+            pairs[0] = plan, LimitedExecutor(pairs[0][1], partial(_is_in_time, progress, scene))
         progress.print_line(
             f"system {number} of {len(systems)}: {title}; {format_seconds(left)} left"
         )
@@ -201,6 +212,12 @@ def compare_systems(
                 result.metrics |= _delay_latencies(result.metrics, costs["delay_s"])
                 sources = {all_costs()[key].source_name: CHIP_COST_OF[key] for key in CHIP_COST_OF}
                 result.metrics |= {source: costs[name] for source, name in sources.items()}
+        except Interrupted as e:
+            if not isinstance(e.__cause__, OutOfTime):
+                raise
+            left_out.append(f"{title}: {e.__cause__}; raise seconds=")
+            was_stopped = True
+            continue
         except InputError as e:
             left_out.append(f"{title}: {e}")
             continue
@@ -209,12 +226,19 @@ def compare_systems(
         plans[result.system] = values, plan
         longest = max(longest, left - progress.seconds_left)  # starts of processes and linking too
         slowest = max(slowest, comparison_seconds(plan))
+        reserve = sum(later_seconds(plan, scene, slowest))
+        slowdown = max(slowdown, result.metrics.get("slowdown", 1.0))
     if not results:
         raise InputError(f"no system could be compared: {left_out[0]}")
     if left_out:
         more = f"; {len(left_out) - 1} more in the certificate" * (len(left_out) > 1)
         compared = f"{len(results)} of {len(systems)} systems compared"
         progress.print_line(f"{compared}; not {left_out[0]}{more}")
+    if slowdown > BUSY_SLOWDOWN:
+        progress.print_line(
+            f"other programs use the processors: all took up to {slowdown:.1f} times as long as on "
+            "a quiet machine"
+        )
     progress.start_step("choice")
     choice = rule.choose_from_runs(
         results + damaged,
@@ -256,6 +280,11 @@ def compare_systems(
         scene.board,
         runs[name],
     )
+
+
+def _is_in_time(progress: Progress, scene: Scene, plan: Plan, seconds: float, rest: float) -> bool:
+    """Return True if time remains for the rest of a comparison and what comes after it."""
+    return progress.seconds_left >= rest + sum(later_seconds(plan, scene, seconds))
 
 
 def system_title(values: Mapping[str, Any]) -> str:

@@ -26,7 +26,7 @@ MOST_PARTS = 20  # of a person's captures that are left out in turn
 
 
 def adapt(arguments: list[str]) -> int:
-    """Adapt a saved system to captures of one person, and save it; 1 if it is no better then."""
+    """Adapt a saved system to captures of one person, and save it; 1 if it gets worse."""
     from bench.commands.predict import load_model_and_captures
     from bench.commands.printing import print_lines, print_next_commands
 
@@ -50,10 +50,10 @@ def adapt(arguments: list[str]) -> int:
         before, after = count_right_left_out(recogniser, corpus, labels)
         gain = f"of {format_count(len(corpus), 'capture')}, each left out, it labels {after} right"
         gain += f", and {source} {before}"
-        if after <= before and not typed_settings("adapt", values)["anyway"]:
+        if after < before and not typed_settings("adapt", values)["anyway"]:
             print_lines(
-                f"no gain: {gain}, so nothing is written; give more captures of each gesture, or "
-                "anyway=yes"
+                f"it gets worse: {gain}, so nothing is written; give more captures of each "
+                "gesture, or anyway=yes"
             )
             return 1
     personal, seconds = adapt_recogniser(recogniser, corpus, labels)

@@ -9,7 +9,7 @@ ADAPT = Command(
     "gesture, the model learns from the labels. Without it, the model adapts to differences "
     "between this person and the training subjects. MODEL does not change. reflex, lda, networks "
     "(their last layer) and model=adaptable can adapt. With labels, each capture is left out in "
-    "turn: nothing is written, and the exit code is 1, if no more of them are labelled right than "
+    "turn: nothing is written, and the exit code is 1, if fewer of them are labelled right than "
     "before. Of a folder of bench build, it writes C again. bench run protocol=personal measures "
     f"the gain for new people. {TRUST_NOTE}",
     "bench adapt rec anna.csv out=rec_anna\nbench adapt robot anna.csv out=robot_anna",
@@ -18,6 +18,6 @@ ADAPT = Command(
     options=(
         Option("out", "text", "", "folder for the adapted model; new or empty"),
         Option("rate_hz", "number", None, "frame rate of FILE in Hz; must equal the model's"),
-        Option("anyway", "yes", False, "yes: write it even if it is no better for this person"),
+        Option("anyway", "yes", False, "yes: write it even if it is worse for this person"),
     ),
 )
