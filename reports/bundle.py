@@ -5,12 +5,14 @@ Equal runs give equal bytes. It holds no path of the machine, and reading it unp
 
 from __future__ import annotations
 
+import hashlib
 import io
 import json
 import re
 import zipfile
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -19,15 +21,17 @@ import pandas as pd
 
 from bench.corpora.read.archive import open_zip
 from bench.corpora.read.limits import check_file, file_name
-from bench.errors import InputError
+from bench.errors import InputError, one_line
 from bench.ground.progress import warn
-from bench.ground.registry import views_of_runs
+from bench.ground.registry import PART_GROUPS, load_part, views_of_runs
 from bench.ground.scratch import write_then_rename
+from bench.ground.source import own_files
 from bench.reports.comparison import command_line, load_published
 from bench.store.tables import read_table, table_file, write_table
-from bench.values.result import Result, RunTables, format_count
+from bench.values.result import GRIDS_TAG, Result, RunTables, format_count
 
 FORMAT = 1
+RESERVED = ("README.txt", "commands.sh")  # names that no file of the user's may have, too
 # Names in the zip file.
 HEAD, RUNS, TABLES, REPORT = "touchbench.json", "runs.json", "tables", "report"
 NUMBERS = "published.parquet"
@@ -40,16 +44,72 @@ StoredRun = dict[str, dict[str, Any]]  # attributes ("about") and metrics
 README = """A report of touchbench {version} with everything behind it.
 
 report/          the page, CSV and LaTeX tables, figures
-commands.sh      the commands that make the runs
+commands.sh      the commands that make the runs, in this folder
 runs.json        parameters, numbers, versions and digest of the corpus of each run
 tables/          tables of each run (parquet), such as predictions and accuracy of each subject
 published.parquet  published numbers of the papers, and of published=
+{own}
 touchbench.json  the version of this format, and the options of the report
 
 To make the page again without the corpus: bench report from=FILE.zip
 To repeat the runs, import the corpora first; bench data shows their digests:
 {corpora}
+
+It does not contain:
+{missing}
 """
+UNCONTAINED = "captures, trained models, installed packages (their versions are in runs.json)"
+
+
+@dataclass(frozen=True)
+class OwnFiles:
+    """The user's files that runs need, by their places in a bundle, and sentences on others."""
+
+    contents: Mapping[str, bytes]
+    missing: Sequence[str]
+
+
+def find_own_files(results: Iterable[Result], folder: Path) -> OwnFiles:
+    """The code of the user's own parts of some runs, and the files in a folder that name the runs.
+
+    A part's file comes with what it imports from its folder and what that names in ``depends``. A
+    file that changed since a run is left out, as it would make other runs.
+    """
+    contents: dict[str, bytes] = {}
+    missing = []
+    parts = {
+        (group, str(r[f"{key}_name"]), str(r.get(f"{key}_file", "")))
+        for r in results
+        for key, group in PART_GROUPS.items()
+        if str(r.get(f"{key}_name", "")).rpartition(":")[0].endswith(".py")
+    }
+    for group, name, digest in sorted(parts):
+        path = Path(name.rpartition(":")[0])
+        try:
+            files = own_files(load_part(group, name).__module__)
+            found = {place: file.read_bytes() for place, file in files.items()}
+        except (InputError, OSError) as e:
+            missing.append(f"{path.name}: {one_line(e)}".replace(f"{path.parent}/", ""))
+            continue
+        if digest not in ("", hashlib.sha256(found[path.name]).hexdigest()):
+            missing.append(f"{path.name} as it was when some runs were made; it has changed since")
+            continue
+        for place, content in found.items():
+            is_taken = place in (*RESERVED, HEAD, RUNS, NUMBERS) or place.startswith("..")
+            if is_taken or contents.get(place, content) != content:
+                missing.append(f"{place} of {path.name}: another file has this place")
+            else:
+                contents[place] = content
+    grids = {each for r in results for each in r.get(GRIDS_TAG, "").split(", ")} - {""}
+    for file in sorted(folder.glob("*.toml")):
+        digest = hashlib.sha256(content := file.read_bytes()).hexdigest()[:16]
+        if digest in grids:
+            contents[file.name] = content
+            grids.discard(digest)
+    missing += [
+        f"the TOML file with SHA-256 {each}..., not in this folder" for each in sorted(grids)
+    ]
+    return OwnFiles(contents, [*dict.fromkeys(missing)])
 
 
 class Bundle:
@@ -82,6 +142,9 @@ class Bundle:
                 raise ValueError(damaged)
             self.options = {str(key): str(value) for key, value in head["options"].items()}
             self.runs: list[StoredRun] = json.loads(archive.read(RUNS))
+            names = head.get("own", ())
+            own = {name: archive.read(name) for name in names if name in self.names}
+            self.own_files = OwnFiles(own, head.get("missing", ()))
             numbers = archive.read(NUMBERS) if NUMBERS in self.names else b""
             self.numbers = read_table(io.BytesIO(numbers), NUMBERS) if numbers else load_published()
             kinds = [str(run["about"]["touchbench.kind"]) for run in self.runs]
@@ -124,7 +187,11 @@ class Bundle:
 
 @contextmanager
 def write_bundle(
-    path: Path, results: Collection[Result], options: Mapping[str, str], numbers: pd.DataFrame
+    path: Path,
+    results: Collection[Result],
+    options: Mapping[str, str],
+    numbers: pd.DataFrame,
+    own: OwnFiles,
 ) -> Iterator[Bundle]:
     """Write results, and options and numbers of their report; yield the bundle to add the report.
 
@@ -134,7 +201,7 @@ def write_bundle(
     try:
         with write_then_rename(path) as scratch:
             with zipfile.ZipFile(scratch, "w") as archive:
-                for name, content in _bundle_files(results, options, numbers):
+                for name, content in _bundle_files(results, options, numbers, own):
                     _add_file(archive, name, content)
             yield Bundle(scratch)
     except OSError as e:
@@ -143,20 +210,27 @@ def write_bundle(
 
 
 def _bundle_files(
-    results: Collection[Result], options: Mapping[str, str], numbers: pd.DataFrame
+    results: Collection[Result], options: Mapping[str, str], numbers: pd.DataFrame, own: OwnFiles
 ) -> Iterator[tuple[str, bytes]]:
     """The files of a bundle without its report, by name."""
     runs = [{"about": _without_folders(r.attributes), "metrics": r.metrics} for r in results]
     head = {"format": FORMAT, "touchbench": version("touchbench"), "options": dict(options)}
+    head |= {"own": [*own.contents], "missing": [*own.missing]}
     corpora = sorted({f"{r['data']} {r['corpus_digest']}" for r in results})
     commands = dict.fromkeys(command_line(Result(run["about"], {}, {})) for run in runs)
     texts = {
         HEAD: json.dumps(head, indent=1, sort_keys=True),
-        "README.txt": README.format(version=head["touchbench"], corpora="\n".join(corpora)),
+        "README.txt": README.format(
+            version=head["touchbench"],
+            corpora="\n".join(corpora),
+            own="\n".join(f"{name:16} your file" for name in own.contents),
+            missing="\n".join([UNCONTAINED, *own.missing]),
+        ),
         "commands.sh": "".join(f"{line}\n" for line in commands if line != "-"),
         RUNS: json.dumps(runs, indent=1, sort_keys=True),
     }
     yield from ((name, text.encode()) for name, text in texts.items())
+    yield from own.contents.items()
     yield NUMBERS, _as_parquet(numbers)
     for r in results:
         for name in sorted(r.tables):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bench.corpora.survey import DURATIONS, PRESSURE, Survey
+from bench.corpora.survey import DURATIONS, PRESSURE, SENSOR, Survey
 from bench.reports.figures import SYNTHETIC, Picture, new_figure, save_figure, shorten_names
 from bench.reports.layout import render_page
 from bench.values.table import Table, text_table
@@ -43,6 +43,7 @@ def _make_sections(survey: Survey) -> list[tuple[str, str, Table | None]]:
     parts: list[tuple[str, str, pd.DataFrame | None]] = [
         ("Durations", f"{DURATIONS}.", survey.durations),
         ("Pressure", f"{PRESSURE}.", survey.pressure),
+        ("Sensor", f"{SENSOR}.", survey.sensor),
         ("Gaps", f"{survey.gap_lines()[0]}.", survey.gaps),
         ("Taxels", f"{survey.taxel_lines()[0]}.", survey.odd_taxels),
         ("Duplicates", f"{survey.duplicate_lines()[0]}.", survey.duplicates),

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 SYNTHETIC = "synthetic captures, not people"
 TEXT = 9  # points of all words and numbers of a figure; the page draws all figures on one scale
 WIDEST = 11.0  # inches that a page of 1200 pixels has room for
+COLUMN, BOTH_COLUMNS = 3.3, 6.9  # inches of a paper: one column, and both
 TITLE = "title: "  # begins the gid of an artist; the SVG shows the rest below the mouse
 LINE = 0.175  # inches of a line of text
 MARKERS = "osD^v"
@@ -79,16 +80,10 @@ def text_width(names: Iterable[str]) -> float:
 
 def save_figure(figure: Figure, folder: Path, name: str, group: str, caption: str) -> Picture:
     """Write a figure as SVG, all its text in one size; generated captures are marked on it."""
-    from matplotlib.text import Text
-
     if "(synthetic)" in group:
-        figure.text(0.995, 0.004, SYNTHETIC, color="0.4", ha="right", va="bottom", style="italic")
         caption = f"{caption} Synthetic: {SYNTHETIC}."
     picture = Picture(name, caption, folder)
-    for ax in figure.axes:
-        ax.tick_params(labelsize=TEXT)  # of ticks that are made while it is drawn, too
-    for text in figure.findobj(Text):
-        text.set_fontsize(TEXT)  # for which places were computed
+    _finish_text(figure, group)
     write_svg(figure, picture.path)
     drawing = re.sub(
         f'<g id="{TITLE}(.*?)">', r"<g><title>\1</title>", picture.path.read_text(encoding="utf-8")
@@ -98,6 +93,35 @@ def save_figure(figure: Figure, folder: Path, name: str, group: str, caption: st
     )  # which every figure of a page would have
     picture.path.write_text(drawing, encoding="utf-8")
     return picture
+
+
+def save_for_paper(figure: Figure, folder: Path, name: str, group: str) -> None:
+    """Write a figure in the size that it has in a paper, as SVG and as PDF."""
+    import matplotlib
+
+    _finish_text(figure, group)
+    path = folder / f"{name}-paper.svg"
+    write_svg(figure, path)
+    with matplotlib.rc_context({"pdf.fonttype": 42, "font.sans-serif": ["DejaVu Sans"]}):
+        metadata = dict.fromkeys(("Creator", "Producer", "CreationDate"))
+        figure.savefig(path.with_suffix(".pdf"), metadata=metadata)
+
+
+def paper_width(names: Iterable[str]) -> float:
+    """Inches of a figure in a paper with names beside its axis: a column if they leave room."""
+    return COLUMN if text_width(names) < 0.45 * COLUMN else BOTH_COLUMNS
+
+
+def _finish_text(figure: Figure, group: str) -> None:
+    """Give all text one size, and mark generated captures."""
+    from matplotlib.text import Text
+
+    if "(synthetic)" in group:
+        figure.text(0.995, 0.004, SYNTHETIC, color="0.4", ha="right", va="bottom", style="italic")
+    for ax in figure.axes:
+        ax.tick_params(labelsize=TEXT)  # of ticks that are made while it is drawn, too
+    for text in figure.findobj(Text):
+        text.set_fontsize(TEXT)  # for which places were computed
 
 
 def write_svg(figure: Figure, path: Path) -> None:

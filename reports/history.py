@@ -7,6 +7,7 @@ leaves these limits.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -119,7 +120,7 @@ def draw_history(table: pd.DataFrame) -> Figure:
     for ax, measure in zip(axes[:, 0], PANELS.values(), strict=True):
         ax.set(ylabel=measure.name, xticks=range(len(revisions)), xticklabels=[])
         ax.grid(alpha=0.3)
-    labels = [name[:8] + "+" * ("+" in name) for name in revisions]
+    labels = [re.sub(r"([0-9a-f]{8})[0-9a-f]*(\+?)\w*", r"\1\2", name) for name in revisions]
     axes[-1, 0].set_xticklabels(labels, rotation=45, ha="right")
     axes[0, 0].legend(loc="upper left", bbox_to_anchor=(1.02, 1), frameon=False)
     return figure

@@ -33,8 +33,8 @@ from bench.reports.comparison import (
     runs_section,
     score_rows,
 )
-from bench.reports.details import draw_group_figures
-from bench.reports.figures import Picture
+from bench.reports.details import cost_figure, draw_group_figures
+from bench.reports.figures import Picture, save_for_paper
 from bench.reports.latex import comparison_latex, make_papers, papers_latex, papers_table
 from bench.reports.layout import render_markdown, render_page, slugify
 from bench.reports.live import page_data
@@ -46,7 +46,13 @@ from bench.reports.papers import (
     published_section,
 )
 from bench.reports.sections import Exhibit, group_by_heading
-from bench.reports.summary import Summary, split_largest_groups, summarise_group, tab_labels
+from bench.reports.summary import (
+    Summary,
+    compare_systems,
+    split_largest_groups,
+    summarise_group,
+    tab_labels,
+)
 from bench.store.client import Store
 from bench.values import few
 from bench.values.measures import all_costs
@@ -102,7 +108,7 @@ def write_report(
             (folder / "figures").mkdir(exist_ok=True)
             for name in written:
                 os.replace(scratch / name, folder / name)
-        for figure in (folder / "figures").glob("[0-9]*-*.[ps][nv]g"):
+        for figure in (folder / "figures").glob("[0-9]*-*.*"):
             if figure.relative_to(folder) not in written:  # of an earlier report
                 figure.unlink()
     except OSError as e:
@@ -139,7 +145,15 @@ class Report:
         self.summaries = summarise_groups(
             self.largest_groups, results, budgets, numbers, against, self.figures
         )
-        tests = {group.name: (group.subjects, group.rows) for group in self.summaries}
+        self.others = [
+            Summary(name, self.groups[name], *compare_systems(self.groups[name], against), against)
+            for name in self.omitted_groups
+        ]
+        for i, other in enumerate(self.others, len(self.summaries) + 1):
+            file = f"{i}-{slugify(other.name)}"
+            draw_group_figures(other.results, other.subjects, other.name, self.figures, file)
+        every = [*self.summaries, *self.others]
+        tests = {group.name: (group.subjects, group.rows) for group in every}
         self.rows = score_rows(self.groups, against, tests, numbers)
         self.rankings = over_corpora.rank_over_corpora(self.groups)
         self.numbers = numbers
@@ -189,18 +203,19 @@ class Report:
         of_views: dict[str, pd.DataFrame] = {}
         for view, results in self.views:
             of_views |= view.csv_tables(results)
+        every = [*self.summaries, *self.others]
         ranking_columns = pd.DataFrame(columns=[*over_corpora.COLUMNS, "group"])
         of_runs = {
             "comparison": comparison_table(self.rows),
             "published": self.published,
-            "statistics": _concat_groups({group.name: group.rows for group in self.summaries}),
-            "pairs": _concat_groups({group.name: group.pairs for group in self.summaries}),
+            "statistics": _concat_groups({group.name: group.rows for group in every}),
+            "pairs": _concat_groups({group.name: group.pairs for group in every}),
             "ranking": _concat_groups(self.rankings, ranking_columns),
         }
         data = {name: str(runs[0]["data"]) for name, runs in self.groups.items()}
         for name, table in self.rankings.items():
             data |= {name: "haart"} if "haart_place" in table else {}
-        people = {g.name: g.subjects.shape[1] for g in self.summaries if len(g.subjects)}
+        people = {g.name: g.subjects.shape[1] for g in every if len(g.subjects)}
         tables = {name: table for name, table in of_views.items() if len(table)}
         tables |= {name: table for name, table in of_runs.items() if self.runs or len(table)}
         tables = {name: add_note_column(table, data, people) for name, table in tables.items()}
@@ -265,6 +280,8 @@ def draw_charts(
             picture = Picture(f"{file}-speed-{slugify(key)}", caption, folder)
             picture.path.write_text(drawing, encoding="utf-8")
             summary.charts.append({"label": cost.title, "picture": picture})
+        if (figure := cost_figure(points, cost)) is not None:
+            save_for_paper(figure, folder, f"{file}-speed-{slugify(key)}", summary.name)
 
 
 def describe_runs(report: Report) -> dict[str, Any]:

@@ -37,7 +37,7 @@ from bench.values.scores import label_captures
 from bench.values.sentences import render_sentences
 from bench.values.table import Table, rows_of_frame
 
-GROUPS = 3  # groups that get a verdict, statistics and figures
+GROUPS = 3  # groups that the page shows
 BY = "flash"  # the cost to minimise, as bench choose does by default
 COSTS = 3  # of the answer and of the table; the chart has all
 # Behind the rank of a system that the test cannot separate from the first.

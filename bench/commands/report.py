@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bench.commands.printing import print_next_commands
+from bench.commands.printing import print_lines, print_next_commands
 from bench.grammar.options import cost_limits, typed_settings
 from bench.ground.typed import Values
 from bench.reading.runs import load_clean_runs, load_results, parse_selection, select_or_fail
-from bench.reports.bundle import Bundle, write_bundle
+from bench.reports.bundle import Bundle, find_own_files, write_bundle
 from bench.reports.latex import parse_columns
 from bench.reports.own_numbers import load_numbers
 from bench.reports.page import write_report
@@ -34,7 +34,8 @@ def command(values: Values) -> int:
         results = [*(load_clean_runs(store, selection) if history else []), *results]
         runs = {result["run_id"]: result for result in results}.values()
         options = {k: v for k, v in values.items() if k not in (*selection, *FILE_KEYS)}
-        with write_bundle(Path(settings["bundle"]), runs, options, numbers) as bundle:
+        code = source.own_files if source else find_own_files(runs, Path())
+        with write_bundle(Path(settings["bundle"]), runs, options, numbers, code) as bundle:
             paths = write_report(bundle, out, *limits, {}, paper, history, numbers)
             bundle.add_report(out, paths)
     else:
@@ -52,5 +53,6 @@ def command(values: Values) -> int:
             f"{settings['bundle']}: the report, its runs and predictions; bench report from=FILE "
             "makes the page again"
         )
+        print_lines(*(f"not in the bundle: {each}" for each in code.missing))
     print_next_commands("bench ui")
     return 0

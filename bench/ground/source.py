@@ -50,8 +50,10 @@ def source_digest(*parts: Code) -> str:
         depends = getattr(sys.modules.get(name), "depends", ())
         code[name] = tree + b"".join(_hash_data_files(path, depends))
         package = name if Path(path).stem == "__init__" else name.rpartition(".")[0]
+        is_ours = name.partition(".")[0] == "bench"
+        find_modules = _modules_of_our_imports if is_ours else _imported_modules
         for module, names in imports:
-            pending += _imported_modules(module, names, package)
+            pending += find_modules(module, names, package)
     digest = hashlib.sha256()
     for name in sorted(code):
         # The module name of a user's file hashes its raw text, comments included: only the
@@ -63,7 +65,7 @@ def source_digest(*parts: Code) -> str:
 
 def _hash_data_files(path: str | Path, names: object) -> Iterator[bytes]:
     """Hash the files that a file of the user's names in ``depends``."""
-    if not isinstance(names, list | tuple) or not is_user_code(str(path)):
+    if not names or not isinstance(names, list | tuple) or not is_user_code(str(path)):
         return
     for name in names:
         try:
@@ -135,6 +137,10 @@ def module_file(name: str) -> Path | None:
     return next((file for file in files if file.is_file()), None)
 
 
+# Our own code has the same imports as long as this process runs; the user's may gain a module.
+_modules_of_our_imports = lru_cache(maxsize=8192)(lambda *import_: [*_imported_modules(*import_)])
+
+
 @lru_cache(maxsize=1024)
 def _find_top_level(name: str, paths: tuple[str, ...]) -> Path | None:
     """Find the folder of a user's package, or the file of a module; None for any other."""
@@ -203,12 +209,46 @@ def package_versions(further: Iterable[str] = ()) -> dict[str, str]:
 
 
 @cache
-def git_revision() -> str:
-    """Revision of the checkout, with ``+changes`` if it has any; empty without git."""
+def git_revisions(*files: str) -> str:
+    """Revisions of this checkout and of those that hold some files, with their folders' names.
+
+    Each has ``+changes`` if the checkout has any. Without git there is none.
+    """
     words = "describe --always --exclude=* --abbrev=12 --dirty=+changes"
-    command = ["git", "-C", str(Path(__file__).parent), *words.split()]
-    try:
-        done = subprocess.run(command, capture_output=True, text=True)
-    except OSError:
-        return ""
-    return done.stdout.strip() if done.returncode == 0 else ""
+    revisions: list[str] = []
+    for folder in dict.fromkeys([Path(__file__).parent, *(Path(file).parent for file in files)]):
+        name = f"{folder.name} " * bool(revisions)
+        command = ["git", "-C", str(folder), *words.split()]
+        try:
+            done = subprocess.run(command, capture_output=True, text=True)
+        except OSError:
+            return ""
+        revisions.append(name + done.stdout.strip() if done.returncode == 0 else "")
+    return ", ".join(filter(None, revisions))
+
+
+def own_files(module_name: str) -> dict[str, Path]:
+    """The files of the user's that a loaded module consists of, by their places below its folder.
+
+    These are its own, those that it imports, and those that they name in ``depends``.
+    """
+    files: dict[str, Path] = {}
+    pending = [module_name]
+    while pending:
+        name = pending.pop()
+        path = getattr(sys.modules.get(name), "__file__", None) or module_file(name)
+        if path is None or not is_user_code(str(path)):
+            continue
+        path, is_package = Path(path), Path(path).stem == "__init__"
+        place = name.replace(".", "/") + ("/__init__.py" if is_package else ".py")
+        place = path.name if name == module_name else place
+        if place in files:
+            continue
+        files[place] = path
+        for each in getattr(sys.modules.get(name), "depends", ()):
+            files[Path(place).with_name(each).as_posix()] = path.with_name(each)
+        _, imports = _parse_file(str(path), path.stat().st_mtime_ns)
+        package = name if is_package else name.rpartition(".")[0]
+        for module, names in imports:
+            pending += _imported_modules(module, names, package)
+    return files

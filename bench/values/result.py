@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 BATCH_TAG, CONDITIONS_TAG = "touchbench.depends_on_batch", "touchbench.conditions"
 FAILED_TAG = "touchbench.failed"  # circumstances that failed in a fold
 IMPORTS_TAG, CAPTURES_TAG = "touchbench.imports", "touchbench.captures"  # digests
+GRIDS_TAG = "touchbench.grids"  # digests of the files that name the run; not part of its key
 # Attribute: digest of the corpus as imported now, if the run is on earlier captures of it
 SINCE_TAG = "touchbench.imported_since"
 COMPARISON_TAGS = ("data", "corpus_digest", "subset", "target", "protocol_label")

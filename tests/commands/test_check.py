@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 import pytest
 
 from bench.cli import main
-from bench.ground.source import git_revision
+from bench.ground.source import git_revisions
 from bench.reading.gate import read_baseline
 from tests.conftest import SMALL
 
@@ -79,7 +79,7 @@ def test_the_command_holds_a_system_from_one_commit_to_the_next(copied, capsys):
     ]
     (case,) = ElementTree.parse(report).getroot()
     assert case.find("failure").get("message") == line and not line.startswith("same")
-    revision = git_revision() or "unknown"
+    revision = git_revisions() or "unknown"
     assert line.endswith(f", since revision {revision} (last the same: {revision})")
     said("stored=yes", code=1)  # the newest tracked run is the faulty one
 

@@ -1,14 +1,19 @@
 """A bundle makes the page again without store and corpus; damaged ones are refused."""
 
 import json
+import os
+import subprocess
+import sys
 import zipfile
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
+import bench
 from bench.cli import main
 from bench.errors import InputError
+from bench.ground.source import git_revisions
 from bench.reading.runs import load_results
 from bench.reports.bundle import FORMAT, HEAD, TIME, Bundle
 from bench.store.client import connect
@@ -105,3 +110,76 @@ def test_damaged_and_foreign_files_are_refused_and_nothing_leaves_the_folder(
     change("more.zip", "runs.json", json.dumps([run, unknown]))
     Bundle(Path("more.zip"))
     assert "1 run of more.zip left out: install the add-ons" in "".join(capsys.readouterr())
+
+
+def test_the_commands_of_a_bundle_run_in_an_empty_home_with_the_users_own_code(
+    quick, tmp_path, monkeypatch, capsys
+):
+    """Code, what it imports and reads, and the file of grids; a file that changed is named."""
+    lab, folder = tmp_path / "lab", tmp_path / "unpacked"
+    (lab / "parts").mkdir(parents=True)
+    (lab / "parts/__init__.py").write_text("")
+    (lab / "parts/level.py").write_text("def level(frames):\n    return frames.mean()\n")
+    (lab / "weights.csv").write_text("2")
+    (lab / "my.py").write_text(
+        "from pathlib import Path\n"
+        "import numpy as np\n"
+        "from sklearn.naive_bayes import GaussianNB\n"
+        "from parts.level import level\n"
+        "depends = ['weights.csv']\n"
+        "WEIGHT = float((Path(__file__).parent / 'weights.csv').read_text())\n"
+        "def means(X):\n"
+        "    return np.array([[level(frames) * WEIGHT] for frames in X])\n"
+        "def plain():\n"
+        "    return GaussianNB()\n"
+    )
+    (lab / "grid.toml").write_text(
+        'model = "my.py:plain"\nfeatures = "my.py:means"\n"data.subjects" = 2\n'
+        '"data.variants" = "normal"\n"data.repetitions" = 1\n[one]\nprotocol = "loso"\n'
+    )
+    subprocess.run(["git", "init", "-q"], cwd=lab, check=True)
+    monkeypatch.chdir(lab)
+    assert main(["run", "grid.toml", "jobs=1"]) == 0
+    assert main(["report", "bundle=paper.zip", "out=../report"]) == 0
+    with zipfile.ZipFile("paper.zip") as archive:
+        archive.extractall(folder)
+        assert not [n for n in archive.namelist() if str(tmp_path).encode() in archive.read(n)]
+    for name in ("my.py", "parts/level.py", "parts/__init__.py", "weights.csv", "grid.toml"):
+        assert (folder / name).read_bytes() == (lab / name).read_bytes()
+    assert "captures, trained models" in (folder / "README.txt").read_text()
+    (first,) = load_results(connect())
+    home = {"TOUCHBENCH_HOME": str(tmp_path / "home"), "MLFLOW_TRACKING_URI": ""}
+    script = (folder / "commands.sh").read_text().replace("bench ", f"{sys.executable} -m bench ")
+    variables = os.environ | home | {"PYTHONPATH": str(Path(bench.__file__).parents[1])}
+    subprocess.run(["bash", "-ec", script], cwd=folder, env=variables, check=True, timeout=200)
+    monkeypatch.chdir(folder)
+    (again,) = load_results(connect())
+    assert again["accuracy"] == first["accuracy"] and again["run_id"] != first["run_id"]
+    monkeypatch.chdir(lab)
+    capsys.readouterr()
+    (lab / "my.py").write_text((lab / "my.py").read_text() + "# later\n")
+    (lab / "grid.toml").unlink()
+    assert main(["report", "bundle=later.zip", "out=../report"]) == 0
+    out = capsys.readouterr().out
+    assert "not in the bundle: my.py as it was when some runs were made" in out
+    assert "not in the bundle: the TOML file with SHA-256" in out
+    with zipfile.ZipFile("later.zip") as archive:
+        assert "my.py" not in archive.namelist()
+        assert "my.py as it was" in archive.read("README.txt").decode()
+
+
+def test_a_run_names_the_revision_of_the_users_repository_beside_ours(tmp_path):
+    lab = tmp_path / "lab"
+    lab.mkdir()
+    (lab / "my.py").write_text("")
+    assert git_revisions(str(lab / "my.py")) == git_revisions()  # no repository
+    author = ["-c", "user.name=a", "-c", "user.email=a@b"]
+    for words in (["init", "-q"], ["add", "."], [*author, "commit", "-q", "-m", "first"]):
+        subprocess.run(["git", *words], cwd=lab, check=True)
+    head = subprocess.run(
+        ["git", "rev-parse", "HEAD"], cwd=lab, capture_output=True, text=True
+    ).stdout
+    (lab / "my.py").write_text("1")
+    ours = git_revisions()
+    words = ", ".join(filter(None, [ours, f"lab {head[:12]}+changes"]))
+    assert git_revisions(*[str(lab / "my.py")] * 2) == words

@@ -204,6 +204,40 @@ def test_p_values_compare_with_the_system_that_was_asked_for(quick, store):
         page.write_report(store, Path("report"), against="d")
 
 
+def test_all_groups_have_statistics_and_figures_in_the_width_of_a_paper(store, capsys):
+    """Sizes are read from the PDF; a figure of one seed of several names it."""
+    for i, protocol in enumerate(("kfold", "loso", "groupkfold", "challenge", "within")):
+        tags = {"protocol": protocol, "protocol_label": protocol.upper()}
+        tags |= {"mixes_subjects": "true"} if protocol in ("kfold", "within") else {}
+        tags |= {"official_split": "true"} if protocol == "challenge" else {}
+        tags |= {"protocol.seed": 0} if protocol not in ("loso", "within") else {}
+        people = 3 if protocol == "challenge" else 6
+        for seed in (0, 1) if i < 2 else (0,):
+            tracked_run(store, "a", predictions_with_hits([12] * people), seed=seed, **tags)
+        tracked_run(store, "b" * 30, predictions_with_hits([11] * people), **tags)
+    page.write_report(store, Path("report"))
+    table = pd.read_csv("report/statistics.csv")
+    assert table["group"].nunique() == 5
+    folder = Path("report/figures")
+    papers = {path.name for path in folder.glob("*-paper.*")}
+    assert {name.split("-")[0] for name in papers} == {*"12345"}
+    assert {name[:-4] for name in papers if name.endswith("pdf")} == {
+        name[:-4] for name in papers if name.endswith("svg")
+    }
+    order = [next(folder.glob(f"{i}-*-subjects.svg")).name.split("-")[4] for i in "123"]
+    assert order == ["loso", "challenge", "groupkfold"]  # a declared split precedes random ones
+    widths = {
+        kind: float(re.search(rb"/MediaBox \[ 0 0 ([\d.]+) ", path.read_bytes())[1]) / 72
+        for kind in ("confusion", "gestures", "subjects", "speed-flash")
+        for path in folder.glob(f"1-*-{kind}-paper.pdf")
+    }
+    expected = {"confusion": 3.3, "gestures": 3.3, "subjects": 6.9, "speed-flash": 3.3}
+    assert widths == pytest.approx(expected)
+    drawn = next(folder.glob("1-*-confusion-paper.svg")).read_text()
+    assert "a, seed 0" in drawn and "predicted" in drawn and "true" in drawn
+    assert "b" * 30 in next(folder.glob("1-*-speed-flash-paper.svg")).read_text()
+
+
 def test_the_footnote_of_reflex_stands_wherever_it_is_compared_on_haart(quick, store, capsys):
     for name, hits in (("reflex", range(12, 18)), ("svm · jung54", range(11, 17))):
         arguments = json.dumps({"data": "haart", "model": name})
