@@ -13,6 +13,7 @@ from scipy.ndimage import convolve
 from bench.corpora.corpus import Corpus
 from bench.corpora.doubts import Seam, measure_seams
 from bench.corpora.duplicates import LEAST_CHANGES, identical_groups, is_quiet
+from bench.corpora.sensor import sensor_table
 from bench.errors import InputError
 
 ODD_RATIO = 3.0  # of SDs: beyond it, or below its inverse, a taxel differs from its neighbours
@@ -23,6 +24,10 @@ DURATIONS = "seconds of a capture of each gesture"
 PRESSURE = (
     "sensor values; full_scale: readings at full scale in percent; "
     "still: captures without any change"
+)
+SENSOR = (
+    "at rest, in counts: level, and noise of a taxel from frame to frame (SD); "
+    "repeated: frames like the one before in percent; seconds of a capture (median)"
 )
 NEIGHBOURS = np.array([[[1, 1, 1], [1, 0, 1], [1, 1, 1]]])  # of a taxel
 MOST_LINES = 12  # of a kind that are printed; the tables have all
@@ -134,6 +139,11 @@ class Survey:
         return pd.DataFrame(table)
 
     @cached_property
+    def sensor(self) -> pd.DataFrame:
+        """The sensor at rest in each session (`sensor_table`)."""
+        return sensor_table(self.corpus)
+
+    @cached_property
     def typical(self) -> dict[str, int]:
         """Capture nearest to the middle in duration, mean and highest pressure, by gesture."""
         mean = self._statistics["sum"].sum(axis=1) / self.corpus.lengths
@@ -242,6 +252,7 @@ class Survey:
         parts += [
             [f"Durations: {DURATIONS}", _format_table(self.durations)],
             [f"Pressure: {PRESSURE}", _format_table(self.pressure)],
+            [f"Sensor: {SENSOR}", _format_table(self.sensor)],
             self.gap_lines(),
             self.taxel_lines(),
             [str(seam) for seam in self.seams],

@@ -13,6 +13,7 @@ import pandas as pd
 
 from bench.corpora.corpus import Corpus
 from bench.corpora.duplicates import capture_digests
+from bench.corpora.sensor import find_session_column, sensor_table
 from bench.reading.frame import runs_table
 from bench.reading.scene import Board, Scene
 from bench.values import few
@@ -21,7 +22,7 @@ from bench.values.result import format_count
 from bench.values.sentences import template_environment
 from touchbench_builder import systems
 from touchbench_builder.bounds import SPREAD
-from touchbench_builder.sessions import find_session_column, measure_session_cost
+from touchbench_builder.sessions import measure_session_cost
 from touchbench_builder.stream import (
     bounds_of_counts,
     bounds_of_gestures,
@@ -93,6 +94,7 @@ def make_certificate(
             "full_scale": recogniser.full_scale,
             "subjects": sorted(set(corpus.subjects.astype(str))),
             "captures_seen": " ".join(sorted({*filter(None, capture_digests(corpus))})),
+            "noise": round(float(sensor_table(corpus)["noise"].mean()), 3),
             "warnings": warnings,
         },
         "system": {

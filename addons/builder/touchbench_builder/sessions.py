@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from bench.corpora.corpus import Corpus
+from bench.corpora.sensor import find_session_column
 from bench.errors import InputError
 from bench.values.intervals import mean_interval
 from bench.values.measures import value_or_none
@@ -16,14 +17,6 @@ from touchbench_builder.systems import WATCH, ChosenSystem, make_plan, run_plan
 
 if TYPE_CHECKING:
     from bench.values.result import Result
-
-SESSION_COLUMNS = ("session", "day", "sitting", "date", "visit")  # columns that tell days apart
-
-
-def find_session_column(corpus: Corpus) -> str:
-    """The condition that names sessions, "" if there is none."""
-    columns = [str(name) for name in corpus.captures if str(name).lower() in SESSION_COLUMNS]
-    return next(iter(columns), "")
 
 
 def measure_session_cost(
