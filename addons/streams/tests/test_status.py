@@ -23,7 +23,7 @@ from touchbench_streams.detectors import status
 from touchbench_streams.detectors.base import UNKNOWN
 from touchbench_streams.detectors.detector import run_rules
 from touchbench_streams.detectors.names import longest_part
-from touchbench_streams.detectors.spans import find_spans, last_spans
+from touchbench_streams.detectors.spans import find_spans
 from touchbench_streams.detectors.status import REASONS, learn_limits
 from touchbench_streams.detectors.ticks import TickStream
 
@@ -37,15 +37,16 @@ def recogniser():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(status, "QUIET_TICKS", 16)
         patch.setattr(status, "TOUCHES", 3)
+        patch.setattr(status, "CALM_TICKS", 40)
         watcher = found.watcher
         signs = [
             run_rules(watcher.detector.rules(watcher.level), one)
             for one in watcher.collect_evidence(streams.corpus)
         ]
         longest = longest_part(streams.corpus.rate_hz, watcher.count)
-        spans = [last_spans(find_spans(one, watcher.count, longest)) for one in signs]
+        touches = [find_spans(one, watcher.count, longest) for one in signs]
         stepped = watcher.apply_frame_steps(streams.corpus)
-        paces = [watcher.pace.of_spans(stepped[[i]], one) for i, one in enumerate(spans)]
+        paces = [watcher.pace.of_touches(stepped[[i]], one) for i, one in enumerate(touches)]
         limits = learn_limits(streams.corpus, signs, watcher.count, paces, streams.subjects)
         found.watcher = replace(watcher, limits=limits)
         yield found
@@ -91,7 +92,6 @@ FAULTS = {  # change of shares, and the reason
     "as it is": (lambda x: x, ""),
     "noise of 1 %": (lambda x: x + 0.01 * RNG.standard_normal(x.shape), "noise"),
     "every frame twice": (lambda x: np.repeat(x, 2, axis=0)[: len(x)], "rate"),
-    "every second frame lost": (lambda x: x[::2], "rate"),
     "offset of 2 %": (lambda x: x + 0.02, "offset"),
     "half the gain": (lambda x: x / 2, "gain"),
     "a dead taxel": (lambda x: set_taxel(x, 0), "stuck"),
@@ -202,3 +202,29 @@ def test_labels_below_a_confidence_are_unknown_in_c_as_in_python(recogniser, in_
     expected = report_in_python(strict, frames)[: len(events)]
     check_equal(events, expected)
     assert {UNKNOWN} < set(events["label"])
+
+
+@needs_gcc
+def test_lost_frames_change_the_pace_of_touches_in_c_as_in_python(recogniser, tmp_path):
+    """With a limit between the paces of both, every second frame lost is told."""
+    watcher, streams = recogniser.watcher, recordings_for("frames").corpus
+    high, paces = watcher.limits.high.copy(), []
+    for step in (1, 2):
+        frames = [streams[i][::step].astype(np.float32) for i in range(3)]
+        fields = {"full_scale": streams.full_scale}
+        corpus = Corpus.from_captures(frames, streams.captures, streams.rate_hz, **fields)
+        stepped, found = watcher.apply_frame_steps(corpus), []
+        for i, evidence in enumerate(watcher.collect_evidence(corpus)):
+            signs = run_rules(watcher.detector.rules(watcher.level), evidence)
+            touches = find_spans(signs, watcher.count, longest_part(54.0, watcher.count))
+            found.append(watcher.pace.of_touches(stepped[[i]], touches).mean())
+        paces.append(np.mean(found))
+    assert paces[1] - paces[0] > 0.2
+    high[status.FIRST_TOUCHED + status.PACE] = np.mean(paces)
+    strict = copy(recogniser)
+    strict.watcher = replace(watcher, limits=replace(watcher.limits, high=high))
+    (expected,) = strict.watcher.find_status(
+        corpus[[0]], strict.watcher.collect_evidence(corpus[[0]])
+    )
+    found, _ = status_in_c(WatcherInC(strict, tmp_path), corpus[0])
+    assert (found != expected).mean() < 0.02 and expected[-1] & bits("rate")

@@ -9,13 +9,13 @@ typedef struct {
 } touch_counts_t;
 
 /* What touch_status is found from: the last frame, which taxels changed in a block of touches, sums over a tick, over
-   ticks of background and over touches. */
+   ticks of background and over touches, and the least of all ticks. */
 typedef struct {
-    float last[$TAXELS], step, pace, tick[$QUIETS], quiet[$QUIETS], touched[$TOUCHEDS];
+    float last[$TAXELS], step, pace, slow_pace, tick[$QUIETS], quiet[$QUIETS], calm[$CALMS], touched[$TOUCHEDS];
     touch_look_t look;
     uint32_t at_largest;
     uint8_t moved[($TAXELS + 7) / 8];
-    int repeated, tick_frames, quiet_ticks, touches, since, follows, is_lasting, is_new;
-    unsigned quiet_status, touch_status;
+    int repeated, pace_frames, tick_frames, quiet_ticks, calm_ticks, touches, since, follows, has_pace, is_lasting, is_new;
+    unsigned quiet_status, calm_status, touch_status;
 } touch_health_t;
 

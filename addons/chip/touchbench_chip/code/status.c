@@ -1,6 +1,6 @@
 /* Whether to trust the sensor: numbers of background and of touches, compared with their range in training. */
 
-enum { REPEATS = 4, TOUCH_REPEATS = QUIETS + 8 };
+enum { REPEATS = 4, FIRST_CALM = QUIETS, FIRST_TOUCHED = QUIETS + CALMS, TOUCH_REPEATS = FIRST_TOUCHED + 8, PACE = 9 };
 
 /* Reasons from the means of a block, besides known ones. Repeated frames explain all others, and any other explains
    turns and pace. */
@@ -56,13 +56,17 @@ static void examine_frame(touch_health_t *h, const float *frame)
     join_look(&h->look, frame);
 }
 
-/* The pace of a touch from the features of a name: 1 if every second frame is lost, -1 if there are twice as many. */
-static float pace_of(const float *features)
+/* The pace of a touch, from the features of its longest name: 1 if every second frame is lost, -1 if there are twice
+   as many. */
+static void measure_pace(touch_health_t *h, const float *features, int frames)
 {
     float pace = PACE_BIAS;
+    if (frames < h->pace_frames)
+        return;
     for (int k = 0; k < PACES; k++)
         pace += pace_weights[k] * features[pace_places[k]];
-    return fminf(fmaxf(pace, -MOST_PACE), MOST_PACE);
+    h->pace = fminf(fmaxf(pace, -MOST_PACE), MOST_PACE);
+    h->pace_frames = frames;
 }
 
 /* A touch joins the numbers of its block, which may be the last of the block. */
@@ -74,15 +78,19 @@ static void finish_touch(touch_health_t *h)
         h->touched[k] += logf(numbers[k]);
     h->touched[7] += logf((float)h->at_largest / (float)h->look.frames);
     h->touched[8] += (float)h->repeated / (float)h->look.frames;
-    h->touched[9] += h->pace;
+    h->touched[PACE] += h->pace;
     if (++h->touches < TOUCHES)
         return;
     for (int k = 0; k < TOUCHEDS; k++)
         h->touched[k] /= TOUCHES;
+    if (h->has_pace)
+        h->touched[PACE] = (h->touched[PACE] + h->slow_pace) / 2;
+    h->slow_pace = h->touched[PACE];
+    h->has_pace = 1;
     h->touched[TOUCHEDS - 1] = 0;
     for (int i = 0; i < TAXELS; i++)
         h->touched[TOUCHEDS - 1] += !(h->moved[i / 8] >> i % 8 & 1);
-    h->touch_status = judge_block(h->touched, QUIETS, TOUCHEDS, h->quiet_status);
+    h->touch_status = judge_block(h->touched, FIRST_TOUCHED, TOUCHEDS, h->quiet_status | h->calm_status);
     memset(h->touched, 0, sizeof h->touched);
     memset(h->moved, 0, sizeof h->moved);
     h->touches = 0;
@@ -92,26 +100,33 @@ static void finish_touch(touch_health_t *h)
 static void finish_tick(touch_health_t *h)
 {
     if (h->is_lasting && (h->is_new || h->since <= 1)) {
-        h->is_lasting = 0;
+        h->is_lasting = h->pace_frames = 0;
         if (h->look.frames)
             finish_touch(h);
     }
-    int is_quiet = (!h->is_lasting && !h->since) || h->since > LONGEST_TICKS;
     if (h->is_new) {
         h->is_lasting = 1;
         h->at_largest = 0;
         h->repeated = 0;
         touch_look_init(&h->look);
     }
-    if (is_quiet && h->tick_frames) {
-        for (int k = 0; k < QUIETS; k++) {
-            float mean = h->tick[k] / (float)h->tick_frames;
-            h->quiet[k] += k < 3 ? logf(mean + SLIGHT) : mean;
+    if (!h->tick_frames)
+        return;
+    for (int k = 0; k < QUIETS; k++) {
+        float mean = h->tick[k] / (float)h->tick_frames;
+        if (k < CALMS) {
+            mean = logf(mean + SLIGHT);
+            h->calm[k] = h->calm_ticks ? fminf(h->calm[k], mean) : mean;
         }
-        h->quiet_ticks++;
+        h->quiet[k] += h->is_lasting || h->since ? 0 : mean;
     }
+    h->quiet_ticks += !h->is_lasting && !h->since;
     memset(h->tick, 0, sizeof h->tick);
     h->tick_frames = 0;
+    if (++h->calm_ticks == CALM_TICKS) {
+        h->calm_status = judge_block(h->calm, FIRST_CALM, CALMS, 0);
+        h->calm_ticks = 0;
+    }
     if (h->quiet_ticks < QUIET_TICKS)
         return;
     for (int k = 0; k < QUIETS; k++)

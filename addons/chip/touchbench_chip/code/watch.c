@@ -29,7 +29,8 @@ int touch_set_confidence(touch_watch_t *w, float least)
 /* All reasons now, which are counted once for each frame. */
 static void count_reasons(touch_watch_t *w)
 {
-    w->status = w->of_frame | w->health.quiet_status | w->health.touch_status | (w->is_refused ? TOUCH_NOISE : 0u);
+    const touch_health_t *h = &w->health;
+    w->status = w->of_frame | h->quiet_status | h->calm_status | h->touch_status | (w->is_refused ? TOUCH_NOISE : 0u);
     for (int k = 0; k < TOUCH_REASONS; k++)
         w->counts.reasons[k] += w->status >> k & 1;
 }

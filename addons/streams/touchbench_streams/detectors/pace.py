@@ -11,8 +11,7 @@ from sklearn.linear_model import Ridge
 from bench.corpora.corpus import Corpus, shared_frames
 from bench.features.touch import TouchFeatures
 from bench.models.search.inner_folds import split_subjects
-from touchbench_streams.detectors.names import LONGEST_S, cut_touches
-from touchbench_streams.recordings import Recordings
+from touchbench_streams.detectors.spans import Span, longest_spans
 
 COUNT = 24  # features; half of the weights of 48 for the same power on HAART and CuddleBot
 TOUCHES = 240  # most training touches that are learned from
@@ -40,9 +39,9 @@ class Pace:
         """Log2 of frames that are missing of one: 1 if every second is lost, -1 if doubled."""
         return np.clip(features[:, self.places] @ self.weights + self.bias, -MOST, MOST)
 
-    def of_spans(self, recording: Corpus, spans: Sequence[tuple[int, int]]) -> np.ndarray:
-        """Pace of spans of one recording after the steps that work frame by frame."""
-        return self.of_features(span_features(recording, spans)) if spans else np.zeros(0)
+    def of_touches(self, recording: Corpus, touches: list[Span]) -> np.ndarray:
+        """Pace of each touch of one recording after the steps that work frame by frame."""
+        return self.of_features(span_features(recording, longest_spans(touches)))
 
 
 NO_PACE = Pace(np.zeros(1, np.int64), np.zeros(1), 0.0)
@@ -50,59 +49,70 @@ NO_PACE = Pace(np.zeros(1, np.int64), np.zeros(1), 0.0)
 
 def span_features(recording: Corpus, spans: Sequence[tuple[int, int]]) -> np.ndarray:
     """Features of spans of one recording, float64 [spans, features]."""
-    begin, end = np.array(spans, dtype=np.int64).T
-    starts = shared_frames(recording)[1][0] + begin
+    begin, end = np.array(spans, dtype=np.int64).reshape(-1, 2).T
     captures = recording[np.zeros(len(begin), np.int64)]
+    starts = shared_frames(recording)[1][0] + begin
     captures = captures.with_fields(starts=starts, lengths=end - begin, digest="", path=None)
     return TouchFeatures().fit(captures).transform(captures).to_numpy(np.float64)
 
 
 def learn_pace(
-    recordings: Recordings, units: np.ndarray, spans: list[list[tuple[int, int]]]
+    recordings: Corpus, units: np.ndarray, touches: list[list[Span]]
 ) -> tuple[Pace, list[np.ndarray]]:
-    """Learn from touches with all frames, with every second one, and with frames between them.
+    """Learn from touches with all frames, with every second one, and with one between each two.
 
     Args:
         recordings: training recordings after the steps that work frame by frame.
         units: name of the unit of each recording; units are left out together.
-        spans: of touches found in each recording, that they are named from.
+        touches: found in each recording by a detector that was fitted without it.
 
     Returns:
-        The rule, and the pace of each span by a rule that was learned without its unit.
+        The rule, and the pace of each touch by a rule that was learned without its unit.
     """
-    corpus = recordings.corpus
-    kept = recordings.events.iloc[:: max(1, -(-len(recordings.events) // TOUCHES))]
-    touches = cut_touches(Recordings(corpus, kept), (LONGEST_S,), (0.0,))
-    owner = units[kept["recording"].to_numpy(np.int64)]
-    copies = [[*touches], [frames[::2] for frames in touches], [_double(f) for f in touches]]
-    features = []
-    for part in copies:
-        captures = Corpus.from_captures(
-            part, touches.captures, corpus.rate_hz, full_scale=corpus.full_scale
-        )
-        features.append(TouchFeatures().fit(captures).transform(captures).to_numpy(np.float64))
-    table, owners = np.concatenate(features), np.tile(owner, len(copies))
-    target = np.repeat([0.0, 1.0, -1.0], len(owner))
-    paces = [np.zeros(0)] * len(spans)
+    features, copies, owners = [], [], []
+    step = max(1, -(-sum(map(len, touches)) // TOUCHES))
+    for i, found in enumerate(touches):
+        features.append(span_features(recordings[[i]], longest_spans(found)))
+        for touch in found[::step]:
+            copies += _change_pace(recordings[i], touch)
+            owners.append(i)
+    rows = np.concatenate([features[i] for i in range(len(touches))])
+    owner = np.repeat(np.arange(len(touches)), [len(found) for found in touches])
+    if not copies:
+        return NO_PACE, [np.zeros(len(found)) for found in touches]
+    captures = Corpus.from_captures(
+        copies,
+        recordings.captures.iloc[np.repeat(owners, 2)],
+        recordings.rate_hz,
+        full_scale=recordings.full_scale,
+    )
+    changed = TouchFeatures().fit(captures).transform(captures).to_numpy(np.float64)
+    table = np.concatenate([rows, changed])
+    target = np.concatenate([np.zeros(len(rows)), np.tile([1.0, -1.0], len(owners))])
+    owner = np.concatenate([owner, np.repeat(owners, 2)])
+    weight = np.where(target == 0, len(owners) / len(rows), 1.0)
+    paces = [np.zeros(0)] * len(touches)
     for _, left_out in split_subjects(units, GROUPS):
-        is_other = ~np.isin(owners, units[left_out])
-        rule = _fit_rule(table[is_other], target[is_other])
+        is_other = ~np.isin(owner, left_out)
+        rule = _fit_rule(table[is_other], target[is_other], weight[is_other])
         for i in left_out:
-            paces[i] = rule.of_spans(corpus[[i]], spans[i])
-    return _fit_rule(table, target), paces
+            paces[i] = rule.of_features(features[i])
+    return _fit_rule(table, target, weight), paces
 
 
-def _double(frames: np.ndarray) -> np.ndarray:
-    """Frames with one between each two, at the latest as many as before."""
-    doubled = np.repeat(frames.astype(np.float32), 2, axis=0)[: len(frames)]
+def _change_pace(frames: np.ndarray, touch: Span) -> list[np.ndarray]:
+    """A touch with every second frame, and with one between each two, named as far as before."""
+    ((begin, end),) = longest_spans([touch])
+    every_second = frames[begin : max(begin + 4, min(2 * end - begin, touch.end)) : 2]
+    doubled = np.repeat(frames[begin : (begin + end + 1) // 2 + 1].astype(np.float32), 2, axis=0)
     doubled[1:-1:2] = (doubled[1:-1:2] + doubled[2::2]) / 2
-    return doubled
+    return [every_second, doubled[:-1]]
 
 
-def _fit_rule(features: np.ndarray, target: np.ndarray) -> Pace:
+def _fit_rule(features: np.ndarray, target: np.ndarray, weight: np.ndarray) -> Pace:
     mean, sd = features.mean(axis=0), features.std(axis=0) + 1e-9
     units = np.clip((features - mean) / sd, -CLIP, CLIP)
-    places = np.argsort(-np.abs(Ridge(alpha=10 * RIDGE).fit(units, target).coef_))[:COUNT]
-    model = Ridge(alpha=RIDGE).fit(units[:, places], target)
+    places = np.argsort(-np.abs(Ridge(alpha=10 * RIDGE).fit(units, target, weight).coef_))[:COUNT]
+    model = Ridge(alpha=RIDGE).fit(units[:, places], target, weight)
     weights = model.coef_ / sd[places]
     return Pace(places, weights, float(model.intercept_ - mean[places] @ weights))

@@ -109,6 +109,7 @@ def find_spans(signs: np.ndarray, count: int, longest: int) -> list[Span]:
     return [span for span in spans if span is not None]
 
 
-def last_spans(touches: list[Span]) -> list[tuple[int, int]]:
-    """The frames that each touch is named from last."""
-    return [touch.last or touch.named[-1] for touch in touches]
+def longest_spans(touches: list[Span]) -> list[tuple[int, int]]:
+    """The longest frames that each touch is named from; of equal ones the latest."""
+    spans = [[*filter(None, [touch.last]), *reversed(touch.named)] for touch in touches]
+    return [max(of_touch, key=lambda span: span[1] - span[0]) for of_touch in spans]

@@ -1,7 +1,8 @@
 """The status of a watched sensor: numbers of its stream, compared with their range in training.
 
-Background is judged by blocks of ticks without touch, touches by blocks of touches. The C computes
-the same (``status.c`` of `touchbench_chip`).
+Background is judged by blocks of ticks without touch, and by the least of longer blocks, whatever
+the detector takes for touch; touches by blocks of touches. The C computes the same (``status.c`` of
+`touchbench_chip`).
 """
 
 from __future__ import annotations
@@ -17,11 +18,11 @@ from bench.running.unlike import combine_statistics, mean_gap
 from touchbench_streams.recent import find_saturated
 
 QUIET_TICKS = 64  # of a block of background; eight seconds
-LONGEST_TICKS = 240  # of a touch; what lasts longer is judged as background, too
+CALM_TICKS = 240  # of a block whose calmest ticks count; longer than most touches
 TOUCHES = 8  # of a block
 FEWEST_BLOCKS = 10  # to learn a range from
 SLIGHT = 1e-5  # of full scale, added before logarithms; movement of a sensor at rest
-LEAST_MARGIN = 0.5  # of a range in training, by which it is widened
+LEAST_MARGIN = 0.35  # of a range in training, by which it is widened
 
 NOT_A_NUMBER, OUT_OF_RANGE, SATURATED, NOISE, STUCK, RATE, OFFSET, GAIN, UNLIKE = (
     1 << k for k in range(9)
@@ -61,6 +62,7 @@ QUIET = (  # means over ticks
     Number(RATE, RATE, 0.04),  # share of frames where the mean reading turns
     Number(0, RATE, 0.1),  # share of frames, not all 0, that repeat the one before
 )
+CALM = (Number(0, OFFSET, LOG), Number(0, NOISE, LOG), Number(0, NOISE, LOG))  # least of these
 TOUCHED = (  # means over touches
     *(
         Number(0, 0, LOG) for _ in range(2)
@@ -69,11 +71,13 @@ TOUCHED = (  # means over touches
     *(Number(UNLIKE, UNLIKE, LOG) for _ in range(4)),  # neighbours, and zeros
     Number(0, SATURATED, LOG),  # log of the count of readings that equal the largest, a frame
     Number(0, RATE, 0.1),  # share of frames that repeat the one before
-    Number(RATE, RATE, 0.1),  # pace (`touchbench_streams.detectors.pace`)
+    Number(RATE, RATE, 0.1),  # pace (`touchbench_streams.detectors.pace`), half from blocks before
     Number(0, STUCK, 1.0),  # taxels that never changed in the block
 )
-NUMBERS = QUIET + TOUCHED
-REPEATS, TOUCH_REPEATS = 4, len(QUIET) + 8  # places
+NUMBERS = QUIET + CALM + TOUCHED
+FIRST_CALM, FIRST_TOUCHED = len(QUIET), len(QUIET) + len(CALM)  # places
+REPEATS, TOUCH_REPEATS = 4, FIRST_TOUCHED + 8
+PACE = 9  # in `TOUCHED`
 
 
 @dataclass(frozen=True)
@@ -87,9 +91,10 @@ class Limits:
         """Constants and tables of the C."""
         constants: dict[str, float | str] = {
             "QUIETS": len(QUIET),
+            "CALMS": len(CALM),
             "TOUCHEDS": len(TOUCHED),
             "QUIET_TICKS": QUIET_TICKS,
-            "LONGEST_TICKS": LONGEST_TICKS,
+            "CALM_TICKS": CALM_TICKS,
             "TOUCHES": TOUCHES,
             "SLIGHT": SLIGHT,
         }
@@ -127,11 +132,13 @@ class Health:
         self.limits, self.full_scale = limits, full_scale
         self.before: np.ndarray | None = None  # the last frame
         self.step, self.moved = 0.0, np.zeros(0, bool)
-        self.tick = np.zeros(5)  # sums over its frames, in the order of `QUIET`
+        self.tick = np.zeros(len(QUIET))  # sums over its frames, in the order of `QUIET`
         self.tick_frames, self.is_lasting = 0, False
         self.quiet, self.quiet_ticks = np.zeros(len(QUIET)), 0
+        self.calm, self.calm_ticks = np.full(len(CALM), np.inf), 0
         self.touched, self.touches = np.zeros(len(TOUCHED)), 0
-        self.quiet_status = self.touch_status = 0
+        self.slow_pace: float | None = None  # of the blocks so far
+        self.quiet_status = self.calm_status = self.touch_status = 0
         self._forget_touch()
 
     def _forget_touch(self) -> None:
@@ -141,7 +148,7 @@ class Health:
     @property
     def status(self) -> int:
         """Reasons of the last blocks, an OR of their bits."""
-        return self.quiet_status | self.touch_status
+        return self.quiet_status | self.calm_status | self.touch_status
 
     def lose_frames(self) -> None:
         """Forget the last frame, as the next one does not follow it."""
@@ -149,7 +156,7 @@ class Health:
 
     def drop_tick(self) -> None:
         """Begin a tick and forget the touch that lasts."""
-        self.tick, self.tick_frames, self.is_lasting = np.zeros(5), 0, False
+        self.tick, self.tick_frames, self.is_lasting = np.zeros(len(QUIET)), 0, False
 
     def take(self, frames: np.ndarray) -> None:
         """Take the next frames [frames, rows, cols] of a tick; one without a previous is kept."""
@@ -205,20 +212,27 @@ class Health:
             self.is_lasting = False
             if self.touch_frames:
                 blocks += self._finish_touch(pace)
-        is_quiet = (not self.is_lasting and not since) or since > LONGEST_TICKS
         if report:
             self.is_lasting = True
             self._forget_touch()
-        if is_quiet and self.tick_frames:
+        if self.tick_frames:
             means = self.tick / self.tick_frames
-            means[:3] = np.log(means[:3] + SLIGHT)
-            self.quiet, self.quiet_ticks = self.quiet + means, self.quiet_ticks + 1
-        self.tick, self.tick_frames = np.zeros(5), 0
+            means[: len(CALM)] = np.log(means[: len(CALM)] + SLIGHT)
+            if not self.is_lasting and not since:
+                self.quiet, self.quiet_ticks = self.quiet + means, self.quiet_ticks + 1
+            self.calm = np.minimum(self.calm, means[: len(CALM)])
+            self.calm_ticks += 1
+        self.tick, self.tick_frames = np.zeros(len(QUIET)), 0
         if self.quiet_ticks == QUIET_TICKS:
             means = self.quiet / QUIET_TICKS
             self.quiet, self.quiet_ticks = np.zeros(len(QUIET)), 0
             self.quiet_status = self._judge(0, means, 0)
             blocks.append((0, means))
+        if self.calm_ticks == CALM_TICKS:
+            least, self.calm = self.calm, np.full(len(CALM), np.inf)
+            self.calm_ticks = 0
+            self.calm_status = self._judge(FIRST_CALM, least, 0)
+            blocks.append((FIRST_CALM, least))
         return blocks
 
     def _finish_touch(self, pace: float) -> list[tuple[int, np.ndarray]]:
@@ -232,10 +246,13 @@ class Health:
             return []
         means = self.touched / TOUCHES
         means[-1] = (~self.moved).sum()
+        if self.slow_pace is not None:
+            means[PACE] = (means[PACE] + self.slow_pace) / 2
+        self.slow_pace = float(means[PACE])
         self.touched, self.touches = np.zeros(len(TOUCHED)), 0
         self.moved[:] = False
-        self.touch_status = self._judge(len(QUIET), means, self.quiet_status)
-        return [(len(QUIET), means)]
+        self.touch_status = self._judge(FIRST_TOUCHED, means, self.quiet_status | self.calm_status)
+        return [(FIRST_TOUCHED, means)]
 
     def _judge(self, first: int, means: np.ndarray, known: int) -> int:
         """Reasons of a block besides known ones.
@@ -294,8 +311,8 @@ def learn_limits(
         paces: of the touches of each recording, in order.
         units: name of the unit of each recording; units are left out together.
     """
-    rows: dict[int, list[np.ndarray]] = {0: [], len(QUIET): []}
-    owners: dict[int, list[str]] = {0: [], len(QUIET): []}
+    rows: dict[int, list[np.ndarray]] = {0: [], FIRST_CALM: [], FIRST_TOUCHED: []}
+    owners: dict[int, list[str]] = {first: [] for first in rows}
     for i, unit in enumerate(units):
         health = Health(NO_LIMITS, recordings.full_scale)
         for first, means in watch_health(health, recordings[i], signs[i], count, paces[i])[1]:

@@ -58,7 +58,7 @@ static void go_on_naming(touch_watch_t *w, int step)
         feature_step(&w->now, end, part->n, &part, 1, step);
         return;
     }
-    w->health.pace = pace_of(w->now.features);
+    measure_pace(&w->health, w->now.features, part->n);
     name(&w->now, proba);
     for (int c = 0; c < NAMED; c++)
         proba[c] *= (float)w->length;

@@ -34,14 +34,13 @@ from touchbench_streams.detectors.names import (
     longest_part,
     name_probabilities,
 )
-from touchbench_streams.detectors.pace import MOST, NO_PACE, Pace, learn_pace
+from touchbench_streams.detectors.pace import MOST, NO_PACE, Pace, learn_pace, span_features
 from touchbench_streams.detectors.spans import (
     GROWTH,
     Span,
     Touches,
     average_blocks,
     find_spans,
-    last_spans,
 )
 from touchbench_streams.detectors.status import (
     NO_LIMITS,
@@ -97,8 +96,8 @@ def learn_watcher(
         run_rules(one.rules(level), series) for one, series in zip(others, evidence, strict=True)
     ]
     longest, units = longest_part(corpus.rate_hz, count), held_out_units(recordings)
-    spans = [last_spans(find_spans(one, count, longest)) for one in signs]
-    pace, paces = learn_pace(stepped, units, spans)
+    touches = [find_spans(one, count, longest) for one in signs]
+    pace, paces = learn_pace(corpus, units, touches)
     limits = learn_limits(recordings.corpus, signs, count, paces, units)
     watcher = TickWatcher(
         system, names, fitted, level, count, points=points, limits=limits, pace=pace
@@ -252,8 +251,8 @@ class TickWatcher:
         longest = longest_part(stepped.rate_hz, self.count)
         for i, (frames, series) in enumerate(zip(recordings, evidence, strict=True)):
             signs = run_rules(self.detector.rules(self.level), series)
-            spans = last_spans(find_spans(signs, self.count, longest))
-            paces = self.pace.of_spans(stepped[[i]], spans)
+            touches = find_spans(signs, self.count, longest)
+            paces = self.pace.of_touches(stepped[[i]], touches)
             health = Health(self.limits, recordings.full_scale)
             of_ticks, _ = watch_health(health, frames, signs, self.count, paces)
             of_ticks |= NOISE * self.detector.find_refused(series)
@@ -357,7 +356,8 @@ class TickStream:
         self.ring: deque[np.ndarray] = deque(maxlen=watcher.detector.memory)
         capacity = (max(longest, watcher.detector.latest + 1) + 1) * watcher.count
         self.recent = Recent(capacity + STEP_MEMORY, grid, rate_hz, full_scale)
-        self.is_refused, self.pace = False, 0.0  # of the last name
+        self.is_refused = False
+        self.pace, self.pace_frames = 0.0, 0  # of the longest name of a touch
         self.news: list[Event] = []  # of the last tick
         self._reset_touch()
 
@@ -437,6 +437,8 @@ class TickStream:
             news.append(replace(self.event, label=label, confidence=confidence, end=end))
             self._reset_touch()
         self.health.finish_tick(sign.since, sign.report, self.pace)
+        if ended is not None:
+            self.pace_frames = 0
         lasting = self.touches.lasting
         if lasting is not None:
             self._add_names(lasting, recording)
@@ -470,5 +472,7 @@ class TickStream:
         dropped = self.recent.seen - len(self.recent.frames)
         spans = np.array([begin - dropped]), np.array([end - dropped])
         (proba,) = name_probabilities(self.watcher.names, recording, *spans)
-        (self.pace,) = self.watcher.pace.of_spans(recording, [(begin - dropped, end - dropped)])
+        if end - begin >= self.pace_frames:
+            features = span_features(recording, [(begin - dropped, end - dropped)])
+            (self.pace,), self.pace_frames = self.watcher.pace.of_features(features), end - begin
         return (end - begin) * proba, float(end - begin)
