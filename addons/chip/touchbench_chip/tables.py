@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 BITS8, BITS16, BITS32 = 2**8, 2**16, 2**32
 # Thousands of instructions, counted in QEMU: of a frame of a signal (all its statistics, or only
 # fetched), of a term of a spectrum, of a taxel that is put in order, of a weight.
-DESCRIBED, FETCHED, TERM, SPREAD, WEIGHED = 0.36, 0.1, 0.02, 0.3, 0.014
+DESCRIBED, FETCHED, TERM, SPREAD, WEIGHED = 0.36, 0.1, 0.0135, 0.3, 0.014
 LONGEST_TOUCH = 2**30  # frames of a system on windows, whose memory does not grow
 
 

@@ -295,7 +295,7 @@ def _write_watch_state(chip: CContents) -> str:
 
 def _touch_state(d: dict[str, str]) -> list[str]:
     ring, points, taxels, classes = d["RING"], d["MOST_POINTS"], d["TAXELS"], d["CLASSES"]
-    early = d["EARLY"] != "0"
+    early, sorts = d["EARLY"] != "0", max(ring, points, key=int)  # spectra work in it, too
     halves = "halves of the last window" + (", and of a shorter one" if early else "")
     is_sliced = d.get("SLICES", "1") != "1"  # a tick is needed while the next one comes
     parts = 4 if early else 2 + is_sliced
@@ -315,7 +315,7 @@ def _touch_state(d: dict[str, str]) -> list[str]:
         )
     return [
         *members,
-        f"float series[{ring}], sorted[{ring}], centre[{ring}], taxels[{taxels}];  "
+        f"float series[{ring}], sorted[{sorts}], centre[{ring}], taxels[{taxels}];  "
         "/* to work in */",
         f"float cosine[{points}], sine[{points}], power[{int(points) // 2}]; int points;  "
         "/* of spectra */",

@@ -44,7 +44,7 @@ typedef struct {
     float signals[22][19];  /* of the last window, a ring */
     touch_part_t parts[2];  /* halves of the last window */
     float sum[14]; int windows;  /* of decisions */
-    float series[22], sorted[22], centre[22], taxels[64];  /* to work in */
+    float series[22], sorted[64], centre[22], taxels[64];  /* to work in */
     float cosine[64], sine[64], power[32]; int points;  /* of spectra */
     float features[427], proba[14];
 } touch_t;
