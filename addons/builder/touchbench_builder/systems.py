@@ -45,6 +45,8 @@ from touchbench_builder.stream import select_people
 from touchbench_chip.measure import ROOMY, measure_footprint, measure_watching, missing_programs
 from touchbench_chip.tables import check_exportable
 from touchbench_chip.write import hash_fixed_code, write_c_sources
+from touchbench_streams.recordings import drop_doubtful
+from touchbench_streams.study import Continuous
 from touchbench_streams.teaching import Watching
 
 if TYPE_CHECKING:
@@ -398,7 +400,8 @@ class GesturesAndStream(Watching):
 
     def __init__(self, cell: Cell) -> None:
         super().__init__({})
-        self.recordings = super().load_captures(cell)
+        opened = Continuous().open_captures(cell)  # what bench watch learns from
+        self.recordings = captures_of_cell(cell) if opened is None else drop_doubtful(opened)
 
     def learn_watcher(
         self, make_system: Callable[[], System], system: System, captures: Corpus
@@ -421,6 +424,8 @@ def fit_or_load(
     (cell,) = make_cells({k: v for k, v in on.items() if k != "jobs"} | dict(values))
     learner = GesturesAndStream(cell) if watch else None
     fitted = fit(cell, stopping=stopping, learner=learner)
+    if watch and fitted.recogniser.watcher is None:
+        raise InputError("it learned no detector from all captures; watch=no builds without one")
     store.log_values(fitted.run_id, tags={BUILT_TAG: key})
     return fitted.run_id, fitted.recogniser
 
