@@ -59,8 +59,8 @@ FAULT_COLUMNS = (
 FAULT_CAPTION = (
     "{}: touches in recordings of test subjects without faults, and under faults that came after "
     f"training, at severity {MIDDLE_SEVERITY} of 5. Means over subjects, 95 % intervals; refused "
-    "is the percentage of frames that the detector refuses or that have many taxels at full "
-    "scale. recordings_under_faults.csv has all severities."
+    "is the percentage of frames after which the status has a reason not to trust the "
+    "sensor. recordings_under_faults.csv has all severities."
 )
 
 
@@ -272,8 +272,8 @@ def fault_tables(results: Sequence[Result], shared: SharedParameters) -> Iterato
         yield Table(FAULT_COLUMNS[1:], fault_rows(run), title)
     if runs:
         yield (
-            "refused: percentage of frames that the detector refuses, or with a tenth of the "
-            "taxels at full scale"
+            "refused: percentage of frames after which the status has a reason not to trust the "
+            "sensor"
         )
 
 

@@ -8,18 +8,21 @@ int touch_look_init(touch_look_t *look)
     return 0;
 }
 
+/* A reading, 0 if it is below; without a call of the C library. */
+static float not_negative(float value) { return value > 0 ? value : 0; }
+
 static void join_look(touch_look_t *look, const float *frame)
 {
     float mean = 0, across = 0, down = 0, zeros = 0;
     for (int i = 0; i < TAXELS; i++) {
-        float value = fmaxf(frame[i], 0);
+        float value = not_negative(frame[i]);
         mean += value;
-        look->largest = fmaxf(look->largest, value);
+        look->largest = value > look->largest ? value : look->largest;
         zeros += value == 0;
         if (i % COLS)
-            across += fabsf(value - fmaxf(frame[i - 1], 0));
+            across += fabsf(value - not_negative(frame[i - 1]));
         if (i >= COLS)
-            down += fabsf(value - fmaxf(frame[i - COLS], 0));
+            down += fabsf(value - not_negative(frame[i - COLS]));
     }
     mean /= TAXELS;
     look->least = look->frames ? fminf(look->least, mean) : mean;

@@ -26,7 +26,7 @@ static void examine_frame(touch_health_t *h, const float *frame)
     float sum = 0, moved = 0, step = 0, top = 0;
     uint32_t tops = 0;
     for (int i = 0; i < TAXELS; i++) {
-        float value = fmaxf(frame[i], 0), change = value - h->last[i];
+        float value = frame[i] > 0 ? frame[i] : 0, change = value - h->last[i];
         if (h->follows && change != 0)
             h->moved[i / 8] |= (uint8_t)(1u << i % 8);
         h->last[i] = value;
@@ -34,7 +34,7 @@ static void examine_frame(touch_health_t *h, const float *frame)
         moved += fabsf(change);
         step += change;
         tops = value > top ? 1 : tops + (value == top);
-        top = fmaxf(top, value);
+        top = value > top ? value : top;
     }
     if (!h->follows) {
         h->follows = 1;
@@ -53,7 +53,7 @@ static void examine_frame(touch_health_t *h, const float *frame)
         return;
     h->at_largest = top > h->look.largest ? tops : h->at_largest + (top == h->look.largest ? tops : 0);
     h->repeated += repeats;
-    join_look(&h->look, frame);
+    join_look(&h->look, h->last);
 }
 
 /* The pace of a touch, from the features of its longest name: 1 if every second frame is lost, -1 if there are twice

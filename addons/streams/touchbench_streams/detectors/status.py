@@ -71,7 +71,8 @@ TOUCHED = (  # means over touches
     *(Number(UNLIKE, UNLIKE, LOG) for _ in range(4)),  # neighbours, and zeros
     Number(0, SATURATED, LOG),  # log of the count of readings that equal the largest, a frame
     Number(0, RATE, 0.1),  # share of frames that repeat the one before
-    Number(RATE, RATE, 0.1),  # pace (`touchbench_streams.detectors.pace`), half from blocks before
+    Number(0, RATE, 0.1),  # pace (`touchbench_streams.detectors.pace`), half from blocks before;
+    # some people are slower, and turns tell a doubled rate
     Number(0, STUCK, 1.0),  # taxels that never changed in the block
 )
 NUMBERS = QUIET + CALM + TOUCHED
