@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, Self
 
@@ -13,10 +12,19 @@ from bench.values.result import format_count
 if TYPE_CHECKING:
     from bench.plan.plan import Fold, Plan
     from bench.running.results import FoldResult
+    from touchbench_builder.progress import Progress
 
 
 class OutOfTime(KeyboardInterrupt):
-    """The rest of a comparison would take too long; its finished folds are stored."""
+    """The rest of a comparison would take too long; its finished folds are stored.
+
+    Attributes:
+        seconds: of all folds of the comparison.
+    """
+
+    def __init__(self, message: str, seconds: float) -> None:
+        super().__init__(message)
+        self.seconds = seconds
 
 
 class LimitedExecutor(FoldExecutor):
@@ -24,14 +32,18 @@ class LimitedExecutor(FoldExecutor):
 
     Args:
         executor: the other one.
-        is_in_time: of a plan, with the seconds of all its folds, and of those that are missing.
+        progress: has the seconds left.
+        later_seconds: of what comes after a comparison, given its plan and its seconds.
     """
 
     def __init__(
-        self, executor: FoldExecutor, is_in_time: Callable[[Plan, float, float], bool]
+        self,
+        executor: FoldExecutor,
+        progress: Progress,
+        later_seconds: Callable[[Plan, float], tuple[float, ...]],
     ) -> None:
         super().__init__(executor.jobs)
-        self.executor, self.is_in_time = executor, is_in_time
+        self.executor, self.progress, self.later_seconds = executor, progress, later_seconds
 
     def __enter__(self) -> Self:
         self.threads = self.executor.__enter__().threads
@@ -42,12 +54,12 @@ class LimitedExecutor(FoldExecutor):
 
     def run_folds(self, plan: Plan, missing: Sequence[Fold]) -> Iterator[FoldResult]:
         """Run folds; raise `OutOfTime` once a fold of each worker shows that time is too short."""
-        began = time.monotonic()
+        left = self.progress.seconds_left
         for done, result in enumerate(self.executor.run_folds(plan, missing), 1):
             yield result
-            each = (time.monotonic() - began) / done
-            seconds = each * len(plan.folds), each * (len(missing) - done)
-            is_known = plan.workers <= done < len(missing)
-            if is_known and not self.is_in_time(plan, *seconds):
-                estimate = f"its comparison would take {format_estimate(seconds[0])}"
-                raise OutOfTime(f"after {format_count(done, 'fold')}, {estimate}")
+            each = (left - self.progress.seconds_left) / done
+            seconds = each * len(plan.folds)
+            needed = each * (len(missing) - done) + sum(self.later_seconds(plan, seconds))
+            if plan.workers <= done < len(missing) and self.progress.seconds_left < needed:
+                more = f"it would take {format_estimate(needed)} more with its tests and last fit"
+                raise OutOfTime(f"after {format_count(done, 'fold')}, {more}", seconds)

@@ -191,7 +191,7 @@ def compare_systems(
         pairs += [make_plan(keys | faults)] if faults or not watches else []
         plan = pairs[0][0]
         seconds = max(slowest, fit_seconds * len(plan.folds) / plan.workers)
-        needed = max(longest, seconds) + sum(later_seconds(plan, scene, seconds))
+        needed = max(longest, seconds) + sum(later_seconds(scene, plan, seconds))
         first = seconds * plan.workers / len(plan.folds)  # until it is known better
         is_tried = not was_stopped and left >= first + reserve
         is_new = bool(results) and bool(find_stored_runs(connect(), [plan])[1])
@@ -200,7 +200,8 @@ def compare_systems(
             left_out.append(f"{title}: {estimate}; raise seconds=")
             continue
         if is_new:
-            pairs[0] = plan, LimitedExecutor(pairs[0][1], partial(_is_in_time, progress, scene))
+            later = partial(later_seconds, scene)
+            pairs[0] = plan, LimitedExecutor(pairs[0][1], progress, later)
         progress.print_line(
             f"system {number} of {len(systems)}: {title}; {format_seconds(left)} left"
         )
@@ -218,7 +219,7 @@ def compare_systems(
             if not isinstance(e.__cause__, OutOfTime):
                 raise
             left_out.append(f"{title}: {e.__cause__}; raise seconds=")
-            was_stopped = True
+            was_stopped, slowest = True, max(slowest, e.__cause__.seconds)
             continue
         except InputError as e:
             left_out.append(f"{title}: {e}")
@@ -228,7 +229,7 @@ def compare_systems(
         plans[result.system] = values, plan
         longest = max(longest, left - progress.seconds_left)  # starts of processes and linking too
         slowest = max(slowest, comparison_seconds(plan))
-        reserve = sum(later_seconds(plan, scene, slowest))
+        reserve = sum(later_seconds(scene, plan, slowest))
         slowdown = max(slowdown, result.metrics.get("slowdown", 1.0))
     if not results:
         raise InputError(f"no system could be compared: {left_out[0]}")
@@ -255,7 +256,7 @@ def compare_systems(
         raise InputError(nothing_fits_message(choice))
     name, runs = str(choice.system), {r.system: str(r["run_id"]) for r in results}
     values, plan = plans[name]
-    tests, last = later_seconds(plan, scene, comparison_seconds(plan))
+    tests, last = later_seconds(scene, plan, comparison_seconds(plan))
     more = f"{format_estimate(tests)} more for its tests, " * (tests > 0)
     progress.print_line(f"{name}; {more}{format_estimate(last)} for its last fit")
     table = choice.table[["system", "accuracy", "flash", "ram", "verdict"]]
@@ -282,11 +283,6 @@ def compare_systems(
         scene.board,
         runs[name],
     )
-
-
-def _is_in_time(progress: Progress, scene: Scene, plan: Plan, seconds: float, rest: float) -> bool:
-    """Return True if time remains for the rest of a comparison and what comes after it."""
-    return progress.seconds_left >= rest + sum(later_seconds(plan, scene, seconds))
 
 
 def system_title(values: Mapping[str, Any]) -> str:
@@ -317,12 +313,12 @@ def comparison_seconds(plan: Plan) -> float:
     return estimate_seconds(connect(), [(plan, len(plan.folds))])[0] or 0.0
 
 
-def later_seconds(plan: Plan, scene: Scene, seconds: float) -> tuple[float, float]:
+def later_seconds(scene: Scene, plan: Plan, seconds: float) -> tuple[float, float]:
     """Seconds of the remaining tests of a chosen system, and of its last fit.
 
     Args:
-        plan: plan of the comparison.
         scene: needs of the robot.
+        plan: plan of the comparison.
         seconds: seconds of the comparison, with all workers; the last fit has one process.
     """
     if plan.cell.run_kind is not None:
