@@ -78,6 +78,8 @@ def _as_typed(key: str, value: object) -> str | list[str]:
 
 def print_missing_runs(plans: Sequence[Plan], executor: FoldExecutor) -> int:
     """Print which runs are stored, which are missing, and their time; return the exit code."""
+    from bench.running.estimates import estimate_from_work  # no other run needs it
+
     if executor.is_remote:
         raise InputError(
             "dry=yes looks up runs of this machine's workers; leave out the key of other workers"
@@ -85,6 +87,11 @@ def print_missing_runs(plans: Sequence[Plan], executor: FoldExecutor) -> int:
     store = connect()
     _, unfinished = find_stored_runs(store, plans)
     times = estimate_seconds(store, unfinished)
+    rough = 0
+    for place, (plan, folds) in enumerate(unfinished):
+        if times[place] is None and (seconds := estimate_from_work(plan)) is not None:
+            times[place] = seconds * folds / max(1, min(plan.workers, folds))
+            rough += 1
     missing = {}
     for (plan, folds), seconds in zip(unfinished, times, strict=True):
         missing[id(plan)] = folds, seconds
@@ -100,11 +107,11 @@ def print_missing_runs(plans: Sequence[Plan], executor: FoldExecutor) -> int:
     title = format_arguments({k: v for k, v in arguments[0].items() if (k, v) in shared})
     columns = [text_measure("run"), Measure("stored", "stored folds"), Measure("time")]
     Table(columns, rows, title or "Time from similar stored runs").print(results_console())
-    print_lines(_summarise_missing(len(plans), times))
+    print_lines(_summarise_missing(len(plans), times, rough))
     return 0
 
 
-def _summarise_missing(runs: int, times: Sequence[float | None]) -> str:
+def _summarise_missing(runs: int, times: Sequence[float | None], rough: int) -> str:
     """Numbers of runs in all, stored and missing, and the seconds of the missing ones."""
     known = [seconds for seconds in times if seconds is not None]
     unknown = len(times) - len(known)
@@ -113,6 +120,8 @@ def _summarise_missing(runs: int, times: Sequence[float | None]) -> str:
         line += f", {format_estimate(sum(known))}"
     if known and unknown:
         line += f" for {len(known)} of the others"
+    if rough:
+        line += f"; {format_count(rough, 'time')} rough: no similar run is stored"
     if unknown:
         line += f"; time unknown for {format_count(unknown, 'run')}: no similar run is stored"
     return line

@@ -21,7 +21,7 @@ from bench import contract
 from bench.corpora.corpus import Corpus, reserved_names, untrained_classes
 from bench.corpora.duplicates import excluding_condition, leaked_captures, repeated_groups
 from bench.corpora.library import UNTAUGHT, captures_digest, import_digests, open_corpus
-from bench.errors import InputError
+from bench.errors import InputError, one_line
 from bench.features.base import FunctionFeatures
 from bench.ground.typed import quote_value
 from bench.plan.cells import Cell
@@ -214,11 +214,19 @@ def check_extensions(plan: Plan) -> None:
 def check_system(cell: Cell) -> contract.System:
     """Check the parameters of a system and of its feature sets; return it untrained, not to fit."""
     refuse_long_values(cell)
-    contract.check_methods(cell.model.short_name, cell.untrained_system)
-    contract.check_sklearn_values(cell.model.short_name, cell.untrained_system)
-    for part in (cell.untrained_system, *cell.feature_sets().values()):
+    name = cell.model.short_name
+    try:
+        system = cell.untrained_system
+    except InputError:
+        raise
+    except Exception as e:  # a constructor of the user's may raise anything
+        reason = one_line(f"{type(e).__name__}: {e}", 200)
+        raise InputError(f"model={name}: it cannot be made: {reason}") from e
+    contract.check_methods(name, system)
+    contract.check_sklearn_values(name, system)
+    for part in (system, *cell.feature_sets().values()):
         contract.check_parameters(part)
-    return cell.untrained_system
+    return system
 
 
 def refuse_long_values(cell: Cell) -> None:

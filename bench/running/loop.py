@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import redirect_stdout, suppress
 from dataclasses import replace
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
 
 FITTED_TWICE = 3  # captures of a class to which an own system is fitted twice
 NEWEST = 20  # runs among which a similar one is looked for: a store may have thousands
+SIMILAR = ("data", "model", "features")  # arguments by which similar runs are looked for
 FREE = ("seed", "protocol")  # similar runs may differ in these arguments and all dotted ones
 
 
@@ -226,18 +228,23 @@ def find_stored_runs(
 def estimate_seconds(store: Store, unfinished: Iterable[tuple[Plan, int]]) -> list[float | None]:
     """Estimate the seconds of the missing folds of each plan; None without a similar stored run."""
     seconds = []
+    find_newest = cache(lambda kind, *names: store.newest_runs(kind, NEWEST, **dict(names)))
     for plan, folds in unfinished:
-        cell = plan.cell  # objects cannot be typed
-        mean = None if cell.objects else _mean_fold_seconds(store, cell.kind, cell.arguments())
+        cell, mean = plan.cell, None
+        if not cell.objects:  # which cannot be typed
+            arguments = cell.arguments()
+            names = [(key, arguments[key]) for key in SIMILAR if key in arguments]
+            mean = _mean_fold_seconds(store, find_newest(cell.kind, *names), arguments)
         seconds.append(mean and mean * folds / max(1, min(plan.workers, folds)))
     return seconds
 
 
-def _mean_fold_seconds(store: Store, kind: str, arguments: Mapping[str, str]) -> float | None:
-    """Mean seconds of a fold of the most similar stored run, the newest of several."""
-    names = {key: arguments[key] for key in ("data", "model", "features") if key in arguments}
+def _mean_fold_seconds(
+    store: Store, runs: Iterable[Run], arguments: Mapping[str, str]
+) -> float | None:
+    """Mean seconds of a fold of the most similar of stored runs, the newest of several."""
     similar = []
-    for run in store.newest_runs(kind, NEWEST, **names):
+    for run in runs:
         stored = json.loads(run.data.tags.get("touchbench.arguments", "{}"))
         if _fixed_arguments(stored) == _fixed_arguments(arguments):
             similar.append((len(arguments.items() ^ stored.items()), run))

@@ -66,13 +66,14 @@ def test_a_file_of_grids_goes_on_after_ctrl_c_and_marks_its_runs(monkeypatch, ca
         patch.setattr(Plan, "identity", lambda plan: identities.append(plan) or identity(plan))
         out = run_command("dry=yes").out
     assert len(identities) == 4 and not folds_done  # of four named runs two are the same
-    assert "3 runs, 0 stored; time unknown for 3 runs" in out and out.count("0 of 3") == 3
+    assert "3 runs, 0 stored, about " in out and out.count("0 of 3") == 3
+    assert "; 3 times rough: no similar run is stored" in out
     shared = "data=synth data.subjects=3 data.variants=normal protocol=loso features=jung28"
     assert out.splitlines()[0] == shared  # what all runs have, without defaults
     run_command(code=130)
     out = run_command("dry=yes").out
     assert len(folds_done) == 4 and [out.count(f"{n} of 3") for n in (3, 1, 0)] == [1, 1, 1]
-    assert "3 runs, 1 stored, about " in out and "unknown" not in out  # from similar folds
+    assert "3 runs, 1 stored, about " in out and "rough" not in out  # from similar folds
     monkeypatch.setattr(FoldExecutor, "run_folds", run_folds)
     progress = run_command().err
     assert "1 of 3 runs already stored" in progress and "run 3 of 3" in progress

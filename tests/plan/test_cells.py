@@ -84,6 +84,7 @@ def test_a_value_that_scikit_learn_refuses_is_refused_before_the_first_fold():
     [
         ("def predict(self, X): pass", "it has no fit(X, y); write one"),
         ("def fit(self, X, y): pass", "it has no predict(X); write one"),
+        ("def __init__(self): raise KeyError('colour')", "it cannot be made: KeyError: 'colour'"),
         ("def fit(self, X): pass\n    predict = fit", "fit cannot be called as fit(X, y): "),
     ],
 )
