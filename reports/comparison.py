@@ -229,6 +229,7 @@ def score_variants(result: Result) -> Iterator[Row]:
             **result.metrics,
             **of_unit,
             "system": result.system,
+            "full_name": result.full_name,
             "unit": unit,
             "combined": (windowed and combined) or None,
             "seed": result["seed"],
@@ -249,7 +250,11 @@ def _published_words(result: Result, row: Row, papers: Mapping[tuple, Sequence[A
     *_, units = VARIANTS[_prefix_of_row(row)]
     if row["combined"] is None:  # one decision a capture is its vote
         units = (*units, "capture vote")
-    of_system = papers.get((*setting_of_run(result), result.system), [])
+    of_system = [
+        paper
+        for name in dict.fromkeys([result.full_name, result.system])
+        for paper in papers.get((*setting_of_run(result), name), [])
+    ]
     words = [f"{p.accuracy:g} ({p.unit_key}, {p.id})" for p in of_system if p.unit_key in units]
     return "; ".join(words) or None
 
@@ -262,7 +267,9 @@ def runs_section(rows: Sequence[Row], order: list[str]) -> dict[str, Any]:
     headings = headings.groupby(headings, sort=False).head(each)
     shown = [rows[i] for i in headings.index]
     footnotes = [
-        footnotes_of_system(row["system"], str(row["data"])) + busy_machine_notes(row)
+        footnotes_of_system(row["system"], str(row["data"]))
+        + short_name_notes(row)
+        + busy_machine_notes(row)
         for row in shown
     ]
     columns = [text_measure("name", "system"), *ON_PAGE]
@@ -275,10 +282,16 @@ def runs_section(rows: Sequence[Row], order: list[str]) -> dict[str, Any]:
     return {
         "table": Table(columns, shown, remarks=footnotes, groups=[*headings]),
         "few": [f"{group}. {few.too_few_sentence(subjects[group])}" for group in few_subjects],
-        "definitions": define_classifiers(row["system"] for row in shown),
+        "definitions": define_classifiers(row["full_name"] for row in shown),
         "all": len(rows),
         "each": each,
     }
+
+
+def short_name_notes(row: Row) -> list[str]:
+    """A footnote on the short name of a system, if it has one."""
+    full_name = row.get("full_name", row["system"])
+    return [f"{row['system']}: {full_name}"] * (full_name != row["system"])
 
 
 def command_line(result: Result) -> str:

@@ -15,7 +15,7 @@ import pandas as pd
 
 from bench.errors import InputError, suggest_names
 from bench.grammar.help import define_classifiers
-from bench.reports.comparison import protocol_precedence, row_context
+from bench.reports.comparison import protocol_precedence, row_context, short_name_notes
 from bench.reports.notes import busy_machine_notes
 from bench.values import few
 from bench.values.columns import run_columns, unit_headings
@@ -142,7 +142,8 @@ def _comparison_table(rows: Sequence[Row], number: int, people: int) -> str:
     cells = table.to_text_frame().rename(columns=headings)
     compared = [nan if row["system"].endswith(BATCH_MARK) else row["accuracy"] for row in rows]
     best = np.array(compared) == np.fmax.reduce(compared)  # nothing equals NaN
-    classifiers, comments = _classifier_sentences(row["system"] for row in rows)
+    full_names = [row.get("full_name", row["system"]) for row in rows]
+    classifiers, comments = _classifier_sentences(full_names)
     caption = _comparison_caption(rows, classifiers, people)
     bold = {HEADINGS["accuracy"]: best & (len(rows) > 1)}
     return comments + _table_latex(cells, bold, caption, f"{number}")
@@ -155,7 +156,7 @@ def _paper_table(paper: Paper, number: int) -> str:
     best = {
         heading: systems == name for heading, name in zip(paper.headings, paper.best, strict=True)
     }
-    classifiers, comments = _classifier_sentences(systems)
+    classifiers, comments = _classifier_sentences(row["full_name"] for row in paper.table.rows)
     caption = render_sentences(
         *("bench.reports", "sentences", "paper"),
         data=paper.corpus[0],
@@ -211,7 +212,8 @@ def _comparison_caption(rows: Sequence[Row], classifiers: Sequence[str], people:
         return [value for row in rows if (value := value_or_none(row.get(name))) is not None]
 
     subjects = sorted({int(n) for n in values("subjects")})
-    notes = [note.rstrip(".") for row in rows for note in footnotes_of_system(row["system"], data)]
+    notes = [note for row in rows for note in short_name_notes(row)]
+    notes += [note.rstrip(".") for row in rows for note in footnotes_of_system(row["system"], data)]
     words = render_sentences(
         *("bench.reports", "sentences", "caption"),
         where=f"{data}{f' ({corpus[0]})' if corpus else ''}, {subset}, {first['protocol']}",
@@ -300,7 +302,8 @@ def _make_paper(
             system = str(row["system"])
             if system not in rows:
                 of_costs = {cost.source_name: row.get(cost.source_name) for cost in costs}
-                rows[system] = {"system": system, **of_costs}
+                full_name = row.get("full_name", system)
+                rows[system] = {"system": system, "full_name": full_name, **of_costs}
                 if name != ordered[0]:
                     elsewhere.setdefault(title, []).append(system)
             numbers: dict[str, Any] = {
@@ -329,7 +332,8 @@ def _make_paper(
     best += [""] * (len(headings) - len(best))
     every = [row for name in ordered for row in protocols[name]]
     tested = {row["protocol"]: row["against"] for row in every if row.get("against")}
-    footnotes = [note.rstrip(".") for s in rows for note in footnotes_of_system(s, corpus[0])]
+    footnotes = [note for row in rows.values() for note in short_name_notes(row)]
+    footnotes += [note.rstrip(".") for s in rows for note in footnotes_of_system(s, corpus[0])]
     notes = render_sentences(
         *("bench.reports", "sentences", "paper_notes"),
         synthetic="(synthetic)" in corpus[0],

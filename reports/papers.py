@@ -61,10 +61,11 @@ def compare_with_published(
             r
             for r in runs
             if setting_of_run(r) == setting_of_paper(paper)
-            and paper.system in (r["model_name"], r.system)
+            and paper.system in (r["model_name"], r.full_name, r.system)
         ]
-        same = [_value_beside(r, paper) for r in of_model if r.system == paper.system]
-        others = sorted({r.system for r in of_model} - {paper.system})
+        equal = [r for r in of_model if paper.system in (r.full_name, r.system)]
+        same = [_value_beside(r, paper) for r in equal]
+        others = sorted({r.system for r in of_model if r not in equal})
         values = [*filter(None, same)] or [_verdict_without_run(paper, corpora, others)]
         printed = {RENAMED.get(name, name): getattr(paper, name) for name in PAPER}
         corrections = [paper.correction] if isinstance(paper.correction, str) else []
@@ -88,7 +89,8 @@ def own_systems(results: Sequence[Result], numbers: pd.DataFrame) -> pd.DataFram
         values: dict[str, Row] = {}
         for r in runs:
             same = setting_of_run(r) == setting_of_paper(best) and r.is_complete
-            if same and r.system not in {*papers["system"], *values}:
+            known = {*papers["system"], *values}
+            if same and not known & {r.system, r.full_name}:
                 if value := _value_beside(r, best):
                     values[r.system] = value
         printed = {c: getattr(best, c) for c in ("data", "subset", "protocol", "unit", "unit_key")}

@@ -343,15 +343,17 @@ PREDICT = Command(
 )
 RUNS = Command(
     COMPARE,
-    "list stored runs, or delete them",
+    "list stored runs, name their system, or delete them",
     "Lists the stored runs, the newest first, with those that failed or were interrupted. The keys "
     "of bench run, run= and latest=yes select among them. delete=yes deletes the selected runs "
     "after a question. Without a terminal, it needs yes=yes. MLflow keeps deleted runs until "
     "mlflow gc; docs/store.md says how to restore them.",
-    "bench runs data=haart protocol=loso\nbench runs model=cnn85 delete=yes\n"
+    "bench runs data=haart protocol=loso\nbench runs model=my.py:Mine name=Ours\n"
+    "bench runs model=cnn85 delete=yes\n"
     "bench runs run=3f2a9c01 delete=yes",
     options=(
         *STORED_OPTIONS,
+        Option("name", "text", "", "short name of the system of the selected runs, for all tables"),
         Option("delete", "yes", False, "yes: delete the selected runs"),
         Option("yes", "yes", False, "yes: delete without a question"),
     ),

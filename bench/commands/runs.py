@@ -1,4 +1,4 @@
-"""The command ``bench runs``: list stored runs, or delete them."""
+"""The command ``bench runs``: list stored runs, name their system, or delete them."""
 
 from __future__ import annotations
 
@@ -8,14 +8,16 @@ from datetime import datetime
 from bench.commands.printing import CONTEXT_COLUMNS, print_lines, results_console
 from bench.errors import InputError
 from bench.grammar.options import typed_settings
+from bench.ground.registry import registered_parts
 from bench.ground.typed import Values
 from bench.reading.captures import stale_sentences
 from bench.reading.frame import name_rows
 from bench.reading.runs import load_all_runs, parse_selection, select_or_fail
-from bench.store.client import connect
+from bench.store.client import Store, connect
 from bench.store.database import lock_run
 from bench.values.measures import percent_measure, text_measure
-from bench.values.result import Result, format_count
+from bench.values.result import NAME_TAG, Result, format_count
+from bench.values.sentences import shorten_list
 from bench.values.table import Table
 
 STATES = {"RUNNING": "goes on, or was cut off", "KILLED": "interrupted"}
@@ -33,8 +35,12 @@ def command(values: Values) -> int:
         raise InputError(
             "delete=yes asks before it deletes, and there is no terminal to ask; add yes=yes"
         )
-    store = connect(writes=settings["delete"])
-    results = select_or_fail(load_all_runs(store), selection)
+    store = connect(writes=settings["delete"] or bool(settings["name"]))
+    every = load_all_runs(store)
+    results = select_or_fail(every, selection)
+    if settings["name"]:
+        _name_system(store, settings["name"], results, every)
+        results = select_or_fail(load_all_runs(store), selection)
     table_of_stored_runs(results).print(results_console())
     print_lines(*stale_sentences(results))
     if not settings["delete"]:
@@ -49,6 +55,28 @@ def command(values: Values) -> int:
     restore = f"mlflow runs restore --run-id {results[0]['run_id']}"
     print_lines(f"{count} deleted; to bring one back: {restore}")
     return 0
+
+
+def _name_system(store: Store, name: str, results: list[Result], every: list[Result]) -> None:
+    """Give the system of some runs a short name, in MLflow, too.
+
+    Raises:
+        InputError: these are several systems, or another one has this name.
+    """
+    systems = sorted({r["system"] for r in results})
+    if len(systems) > 1:
+        raise InputError(
+            f"name={name}: these are {len(systems)} systems ({shorten_list(systems, 3)}); select "
+            "one with model= and features="
+        )
+    parts = {*registered_parts("models"), *registered_parts("features")}
+    if name in parts or any(
+        name in (r["system"], r.get(NAME_TAG)) for r in every if r["system"] != systems[0]
+    ):
+        raise InputError(f"name={name} is the name of another system; give a different one")
+    for r in results:
+        title = str(r.get("mlflow.runName", "")).replace(str(r.get(NAME_TAG) or systems[0]), name)
+        store.log_values(r["run_id"], tags={NAME_TAG: name, "mlflow.runName": title})
 
 
 def _confirm(question: str) -> bool:

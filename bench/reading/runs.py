@@ -12,7 +12,7 @@ from bench.ground.registry import PART_GROUPS, load_views, registered_parts, vie
 from bench.ground.typed import Values, parse_value, split_values
 from bench.reading.captures import mark_captures, runs_on_subsets
 from bench.store.client import Store
-from bench.values.result import COMPARISON_TAGS, REPETITION_TAGS, SINCE_TAG, Result
+from bench.values.result import COMPARISON_TAGS, NAME_TAG, REPETITION_TAGS, SINCE_TAG, Result
 
 # Columns of a result by key.
 COLUMN_OF_KEY = {"where": "subset", "run": "run_id"} | {key: f"{key}_name" for key in PART_GROUPS}
@@ -37,6 +37,10 @@ def _load_marked(store: Store, runs: Iterable[Any]) -> list[Result]:
     """Load runs as results, with marks on their captures."""
     results = [store.load_result(run) for run in runs]
     mark_captures(results)
+    named = sorted((r for r in results if r.get(NAME_TAG)), key=lambda r: r["started"])
+    names = {r["system"]: r[NAME_TAG] for r in named}
+    for r in results:  # later seeds of a named system have its name
+        r.attributes |= {NAME_TAG: names[r["system"]]} if r.get("system") in names else {}
     return results
 
 

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 BATCH_TAG, CONDITIONS_TAG = "touchbench.depends_on_batch", "touchbench.conditions"
 FAILED_TAG = "touchbench.failed"  # circumstances that failed in a fold
 IMPORTS_TAG, CAPTURES_TAG = "touchbench.imports", "touchbench.captures"  # digests
+NAME_TAG = "touchbench.name"  # short name of the system
 GRIDS_TAG = "touchbench.grids"  # digests of the files that name the run; not part of its key
 # Attribute: digest of the corpus as imported now, if the run is on earlier captures of it
 SINCE_TAG = "touchbench.imported_since"
@@ -54,7 +55,7 @@ Row = Mapping[str, Any]
 def footnotes_of_system(system: str, data: str) -> list[str]:
     """Footnotes for the name of a system in a table of runs on ``data``."""
     corpora = {name.split("-")[0] for name in data.split("+")}
-    notes = [note for corpus, note in _notes_by_design(system) if corpus in corpora]
+    notes = [note for _, (corpus, note) in _notes_by_design(system) if corpus in corpora]
     return [
         *dict.fromkeys(notes),
         *[JOINED_NOTE] * ("+" in data),
@@ -62,8 +63,8 @@ def footnotes_of_system(system: str, data: str) -> list[str]:
     ]
 
 
-def _notes_by_design(system: str) -> list[tuple[str, str]]:
-    """The corpora on which registered parts of a system were designed, with a note.
+def _notes_by_design(system: str) -> list[tuple[str, tuple[str, str]]]:
+    """Registered parts of a system that were designed on a corpus, with this corpus and a note.
 
     The name of a part of a user's file has a dot if a registered part has the same name. The name
     of an object has parentheses.
@@ -74,7 +75,7 @@ def _notes_by_design(system: str) -> list[tuple[str, str]]:
     designed = {group: notes_by_design(group) for group in ("models", "features")}
     names = [("models", model[1])] if model else []
     names += [(group, name) for name in further for group in designed]
-    return [designed[group][name] for group, name in names if name in designed[group]]
+    return [(name, designed[group][name]) for group, name in names if name in designed[group]]
 
 
 def comparison_key(run: Row, parameters: Iterable[str] = ()) -> tuple[str, ...]:
@@ -211,8 +212,23 @@ class Result(Mapping[str, Any]):
 
     @property
     def system(self) -> str:
-        """Name of the system in tables, with the conditions that it uses, and `BATCH_MARK`."""
-        name, conditions = str(self.attributes["system"]), self.attributes.get(CONDITIONS_TAG)
+        """Name of the system in tables, with the conditions that it uses, and `BATCH_MARK`.
+
+        A short name is followed by the parts that were designed on a corpus, as these have a note.
+        """
+        name, short = str(self.attributes["system"]), self.attributes.get(NAME_TAG)
+        if not isinstance(short, str) or not short:
+            return self._with_marks(name)
+        parts = dict.fromkeys(part for part, _ in _notes_by_design(name))
+        return self._with_marks(" · ".join([short, *parts]))
+
+    @property
+    def full_name(self) -> str:
+        """The same without a short name."""
+        return self._with_marks(str(self.attributes["system"]))
+
+    def _with_marks(self, name: str) -> str:
+        conditions = self.attributes.get(CONDITIONS_TAG)
         if isinstance(conditions, str) and conditions:
             name += f" (uses {conditions.replace(',', ', ')})"
         return name if self.predicts_alone else f"{name} {BATCH_MARK}"
