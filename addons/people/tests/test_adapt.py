@@ -102,7 +102,9 @@ def test_a_model_that_gets_worse_without_each_capture_is_written_if_asked_only(c
         assert "it gets worse: of 4 captures, each left out, it labels 3" in capsys.readouterr().out
         assert main(["adapt", "rec", "few.csv", "out=new", "anyway=yes"]) == 0
         patch.setattr(count, lambda *_: (3, 3))
+        capsys.readouterr()
         assert main(["adapt", "rec", "few.csv", "out=equal"]) == 0 and Path("equal").exists()
+        assert "no gain is shown" in capsys.readouterr().out
     write_rows(synth, rows, "few.csv")
     assert main(["adapt", "rec", "few.csv", "out=other"]) == 0
     assert "nobody knows" in capsys.readouterr().out

@@ -56,6 +56,7 @@ def adapt(arguments: list[str]) -> int:
                 "gesture, or anyway=yes"
             )
             return 1
+        gain += "; no gain is shown" * (after == before)
     personal, seconds = adapt_recogniser(recogniser, corpus, labels)
     if builder:
         builder.write_personal_build(Path(source), out, personal, corpus, gain)
