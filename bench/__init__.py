@@ -14,6 +14,8 @@ besides names. All raise `InputError` for invalid values. Nothing heavy is impor
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,10 +23,13 @@ from bench.errors import InputError as InputError
 from bench.grammar.options import (
     RUN_KEYS,
     STORED_OPTIONS,
+    Option,
+    command_options,
     key_options,
     make_executor,
     values_from_keywords,
 )
+from bench.grammar.signatures import set_signatures
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -88,7 +93,7 @@ def tune(**values: object) -> pd.DataFrame:
     from bench.commands.tune import run_searches
     from bench.reading.frame import runs_table
 
-    return runs_table(run_searches(values_from_keywords(values, key_options("tune"))))
+    return runs_table(run_searches(values_from_keywords(values, _keys_of_new_runs("tune"))))
 
 
 def fit(**values: object) -> Fitted:
@@ -329,3 +334,34 @@ def _load_selected(values: Mapping[str, object]) -> list:
     keys = {option.key for option in STORED_OPTIONS}
     selection = parse_selection(values_from_keywords(values, keys))
     return select_or_fail(load_results(connect(), selection), selection)
+
+
+def _keys_of_new_runs(command: str) -> dict[str, Option]:
+    """The keys of a command that makes runs or fits; ``dry`` needs a terminal."""
+    return {key: option for key, option in command_options(command).items() if key != "dry"}
+
+
+def _keys_of_stored_runs(command: str = "", only: str = "") -> dict[str, Option]:
+    """The keys that select stored runs, all by default, and those of a command, or one of them."""
+    keys = command_options(command) if command else {}
+    added = {key: option for key, option in keys.items() if only in ("", key)}
+    return added | {each.key: replace(each, default=None) for each in STORED_OPTIONS}
+
+
+set_signatures(
+    {
+        **{
+            function: partial(_keys_of_new_runs, function.__name__)
+            for function in (run, stress, tune, fit, audit)
+        },
+        plans: partial(dict, RUN_KEYS),
+        extract: lambda: {
+            key: option
+            for key, option in RUN_KEYS.items()
+            if key not in ("protocol", "model", "jobs")
+        },
+        choose: partial(_keys_of_stored_runs, "choose"),
+        groups: partial(_keys_of_stored_runs, "choose", "batch"),
+        **dict.fromkeys((runs, predictions, compare, ledger), _keys_of_stored_runs),
+    }
+)

@@ -1,5 +1,9 @@
 """The Python API: the names of the command line, tables that show what the store holds."""
 
+import inspect
+import pydoc
+import re
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -143,6 +147,24 @@ def test_a_fitted_and_a_tuned_system(in_net):
     tree = {"model": "tree", "features": "jung28", "model__level": [1, 9]}
     tuned = bench.tune(**tree, inner="2", data="people", jobs=1)
     assert tuned["system"][0].startswith("tuned tree[level=1|9")
+
+
+def test_signatures_have_the_keys_that_the_functions_take():
+    """For help() and completion; a function refuses what its signature does not have."""
+    for name in ("run", "stress", "tune", "fit", "audit", "extract", "choose", "runs", "ledger"):
+        function = getattr(bench, name)
+        parameters = inspect.signature(function).parameters
+        assert {"features", "values"} < {*parameters}, name
+        with pytest.raises(bench.InputError) as refused:
+            function(no_such_key=1)
+        known = re.findall(r"\w+", str(refused.value).partition("known: ")[2])
+        assert {*known} <= {*parameters}, name
+        assert f"{name}(" in pydoc.plain(pydoc.render_doc(function))
+    run = inspect.signature(bench.run)
+    assert run.bind(model="svm", model__window=0.5).arguments["model__window"] == 0.5
+    assert run.parameters["protocol"].default == "loso" and "under" in run.parameters
+    stored = inspect.signature(bench.predictions).parameters
+    assert [*stored][:2] == ["runs", "table"] and stored["data"].default is None
 
 
 @pytest.mark.parametrize(
