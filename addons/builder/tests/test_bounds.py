@@ -11,12 +11,14 @@ import pytest
 from scipy import stats
 
 from touchbench_builder.bounds import (
+    ALPHA,
     compare_with_certificate,
     count_next_people,
     gesture_spread,
     lower_bound,
     new_person_bounds,
 )
+from touchbench_builder.check import LEVELS
 
 STUDY = runpy.run_path(str(Path(__file__).parents[3] / "studies" / "coverage.py"))
 ALIKE = (
@@ -107,6 +109,10 @@ def test_honest_people_are_rejected_about_as_often_as_the_level_allows(case):
     right, total, later = STUDY["simulate_counts"](case, 1500)
     honest, worse = STUDY["rejections"](right, total, later, np.full_like(later, case[4]))
     assert 2 <= honest <= 6 and worse >= 30
+
+
+def test_all_tests_of_a_check_together_reject_honest_people_with_the_level_at_most():
+    assert sum(LEVELS.values()) == pytest.approx(ALPHA)
 
 
 def test_later_people_are_tested_by_the_bound_for_their_number():
