@@ -22,7 +22,7 @@ CALM_TICKS = 240  # of a block whose calmest ticks count; longer than most touch
 TOUCHES = 8  # of a block
 FEWEST_BLOCKS = 10  # to learn a range from
 SLIGHT = 1e-5  # of full scale, added before logarithms; movement of a sensor at rest
-LEAST_MARGIN = 0.35  # of a range in training, by which it is widened
+LEAST_MARGIN = 0.5  # of a range in training, by which it is widened
 
 NOT_A_NUMBER, OUT_OF_RANGE, SATURATED, NOISE, STUCK, RATE, OFFSET, GAIN, UNLIKE = (
     1 << k for k in range(9)
