@@ -1,4 +1,4 @@
-"""MkDocs hooks: run the examples of every page and the notebook, and put their output in.
+"""MkDocs hooks: run the examples of every page and the notebooks, and put their output in.
 
 An example that fails ends the build.
 """
@@ -46,13 +46,14 @@ copy_packages()
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Run all examples; add the page of the notebook and its pictures."""
+    """Run all examples; add the pages of the notebooks and their pictures."""
     pages = [Path(file.abs_src_path) for file in files.documentation_pages() if file.abs_src_path]
     outputs.update(examples.run_pages(pages))
     if errors := [output for output in outputs.values() if isinstance(output, str)]:
         raise PluginError("\n".join(errors))
-    for name, content in run_notebook(TOOLS.parent / "walk.ipynb").items():
-        files.append(File.generated(config, name, content=content))
+    for book in ("walk.ipynb", "own.ipynb"):
+        for name, content in run_notebook(TOOLS.parent / book).items():
+            files.append(File.generated(config, name, content=content))
     return files
 
 
