@@ -27,6 +27,7 @@ from bench.corpora.corpus import Corpus, shared_frames
 from bench.corpora.faults import as_readings, as_shares, noise
 from bench.errors import InputError
 from bench.features.touch import TouchFeatures
+from bench.features.touch_profiles import TouchProfiles
 from bench.models.classic.lda import lda
 from bench.models.recipe import Recipe
 from bench.models.reflex import Reflex
@@ -127,7 +128,7 @@ def fit_watcher(name):
     make = {
         "reflex": lambda: Reflex(units=6, copies=1),
         **dict.fromkeys(IN_STEPS, lambda: Recipe(lda(TouchFeatures()), window=0.4)),
-    }.get(name, lambda: Recipe(lda(TouchFeatures()), window=1.0, repair=("stuck", "dead", "noise")))
+    }.get(name, lambda: Recipe(lda(TouchProfiles()), window=1.0, repair=("stuck", "dead", "noise")))
     recogniser = fit_recogniser(make(), corpus)
     watcher = learn_watcher(
         DETECTORS.get(name, Frames()), make, recogniser.estimator, streams, 5.0
@@ -217,16 +218,22 @@ def test_news_in_slices_are_the_same_later_in_c_and_in_python(name, slices, in_c
 def test_a_disturbed_sensor_has_the_events_of_python(tmp_path):
     recogniser, streams = copy(fit_watcher("frames")), recordings_for("frames")
     watcher = recogniser.watcher = copy(recogniser.watcher)
-    calm, detector = watcher.detector, copy(watcher.detector)
+    detector = copy(watcher.detector)
+    detector.disturbed_, detector.times_ = (), replace(detector.times_, wait=3)
+    calm = copy(detector)
     ticks = average_into_ticks(streams, count_frames_per_tick(calm.tick, streams.corpus.rate_hz))
     shaken = [disturb_recordings(streams.corpus, kind) for kind in KINDS]
-    others = []  # whatever is worth more in training, each of the classifiers decides here
-    for each in shaken:
+    quick = replace(calm, wait=0.25)
+    for each, gauge in zip(shaken, KINDS.values(), strict=True):
         parts = average_into_ticks(
             Recordings(each, streams.events), count_frames_per_tick(calm.tick, each.rate_hz)
         ).corpus
-        others.append(replace(calm).fit([calm.signals_of(part) for part in parts], ticks))
-    detector.disturbed_ = tuple((kind, other, 0.5) for kind, other in enumerate(others))
+        signals = [calm.signals_of(part) for part in parts]
+        limit = detector._limit_of_kind(gauge, signals)
+        # whatever is worth more in training, each of the classifiers decides here
+        other = replace(quick).fit(signals, ticks)
+        detector.disturbed_ = *detector.disturbed_, (gauge, other, 0.5, limit)
+    assert detector.soonest < calm.soonest
     watcher.detector = detector
     watched = WatcherInC(recogniser, tmp_path)
     for each in shaken:

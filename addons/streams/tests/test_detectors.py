@@ -59,7 +59,7 @@ def silent_recordings(lengths, events, rate_hz=8.0):
 
 def test_a_later_frame_changes_no_report_and_no_first_label(watcher, recordings):
     named, replaced = (
-        s[-1].coef_.size + s[-1].intercept_.size for s in (watcher.names, watcher.system)
+        s[-1].coef_.size + s[-1].intercept_.size for s in (watcher.names.system_, watcher.system)
     )
     assert watcher.numbers == watcher.detector.numbers + named - replaced
     whole = recordings[[2]].corpus
@@ -98,10 +98,12 @@ def test_times_come_from_the_labels():
 
 def test_a_touch_begins_above_the_level_and_a_new_one_after_a_dip():
     odds = [-5, 3, 3, 3, -1, 3, 3, -5, 3, -5, 3]  # the tick before the last dip is too short
-    evidence = np.stack([odds, np.zeros(len(odds))], axis=1)
+    evidence = np.stack([odds, np.zeros(len(odds)), np.zeros(len(odds))], axis=1)
 
     def of(evidence, *times):
-        return run_rules(Hysteresis(np.array([1.0]), 1.5, TouchTimes(*times)), evidence)
+        waits = np.full((len(evidence), 1), times[0])
+        rules = Hysteresis(np.array([1.0]), 1.5, TouchTimes(*times))
+        return run_rules(rules, np.hstack([evidence, waits]))
 
     signs = of(evidence, 2, 1, 9)
     assert np.flatnonzero(signs[:, 2]).tolist() == [2, 6]
@@ -109,7 +111,7 @@ def test_a_touch_begins_above_the_level_and_a_new_one_after_a_dip():
     assert np.flatnonzero(of(evidence, 3, 3, 9)[:, 2]).tolist() == [
         3
     ]  # a dip is no end, but does not hold
-    never = np.stack([odds, np.full(len(odds), -9.0)], axis=1)  # the beginning was not seen
+    never = evidence + [0, -9, 0]  # the beginning was not seen
     assert not of(never, 2, 1, 9)[:, 2].any()
     signs = run_rules(TwoInARow(2.0), np.array([[0], [3], [3], [1.5], [3], [0.5], [3], [3]]))
     assert np.flatnonzero(signs[:, 2]).tolist() == [2, 7]
@@ -127,6 +129,7 @@ def test_many_levels_at_once_report_what_each_does_alone(steps, times):
     frames = Frames()
     frames.times_ = TouchTimes(*times)
     evidence = np.array(steps).cumsum(axis=0) * [1, 0] + np.array(steps) * [0, 1]
+    evidence = np.hstack([evidence, np.tile([0, times[0]], (len(steps), 1))])
     for detector, levels in (
         (frames, np.array([-3.0, 0.0, 1.5, 4.0])),
         (Threshold(), np.array([0.5, 1.0, 2.0, 4.0])),

@@ -158,7 +158,7 @@ def test_a_model_that_is_adapted_watches_with_the_adapted_system(recordings, tmp
     recogniser = Recogniser(system, captures, watcher=watcher)
     path = str(tmp_path / "rec")
     save_model(Path(path), recogniser.mlflow_arguments([], captures[0][:3]))
-    save_adapted(path, recogniser, captures[:9], captures[:9].gestures, tmp_path / "one")
+    save_adapted(path, recogniser, captures[:9], tmp_path / "one")
     one = load_recogniser(str(tmp_path / "one"))
     assert one.watcher.system is one.estimator and one.watcher.level == watcher.level
 

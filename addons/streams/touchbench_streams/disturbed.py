@@ -14,6 +14,7 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.faults import as_readings, as_shares, noise, seeded_generator
 
 AMOUNT = (0.005, 0.015)  # of full scale; a detector must bear 1 %
+FAINT = (0.0015, 0.006)  # of full scale; from somewhat more than the noise of a good sensor
 SHAKING_HZ = (1.0, 10.0)  # from a step to a motor
 FARTHEST_DRIFT = 0.05  # of full scale
 DRIFT_STEP_S = 5.0  # from one level of the drift to the next
@@ -22,6 +23,11 @@ DRIFT_STEP_S = 5.0  # from one level of the drift to the next
 def add_noise(shares: np.ndarray, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
     """White noise on every reading."""
     return noise(shares, 100 * float(_draw_log_uniform(AMOUNT, rng)), rng)
+
+
+def add_faint_noise(shares: np.ndarray, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
+    """Fainter white noise."""
+    return noise(shares, 100 * float(_draw_log_uniform(FAINT, rng)), rng)
 
 
 def add_vibration(shares: np.ndarray, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
@@ -40,10 +46,17 @@ def add_drift(shares: np.ndarray, rate_hz: float, rng: np.random.Generator) -> n
 
 
 Kind = Callable[[np.ndarray, float, np.random.Generator], np.ndarray]
-KINDS: tuple[Kind, ...] = (add_vibration, add_noise)  # for finding touches
+# For finding touches, each with its column of `measure_disturbance` in
+# `touchbench_streams.detectors.signals`; of one column the weaker first.
+KINDS: dict[Kind, int] = {add_vibration: 0, add_faint_noise: 1, add_noise: 1}
 NAMING_KINDS: tuple[Kind, ...] = (add_vibration, add_noise, add_drift)  # for naming them
 
-SEED_WORDS = {add_vibration: "shaken", add_noise: "noisy", add_drift: "drifting"}  # of seeds
+SEED_WORDS = {  # of seeds
+    add_vibration: "shaken",
+    add_faint_noise: "rustling",
+    add_noise: "noisy",
+    add_drift: "drifting",
+}
 
 
 def disturb_recordings(

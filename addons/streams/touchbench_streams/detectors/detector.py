@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from bench.corpora.corpus import Corpus
+from bench.corpora.windows import Step
 from bench.errors import InputError
 from bench.models.search.inner_folds import split_subjects
 from bench.values.few import FEWEST_FOR_INTERVAL
@@ -70,7 +71,12 @@ class Detector:
         raise NotImplementedError
 
     def fit_disturbed(
-        self, others: list[Self], recordings: Recordings, level: float, false_alarms: float
+        self,
+        others: list[Self],
+        recordings: Recordings,
+        steps: Sequence[Step],
+        level: float,
+        false_alarms: float,
     ) -> Self:
         """Prepare the fitted detector for a sensor that changes after training.
 
@@ -78,7 +84,8 @@ class Detector:
 
         Args:
             others: a detector for each recording that was fitted without it.
-            recordings: training recordings, after the steps that work frame by frame.
+            recordings: training recordings as the sensor gives them.
+            steps: those that work frame by frame, which follow.
             level: learned threshold.
             false_alarms: accepted false alarms per hour of background.
         """

@@ -154,9 +154,9 @@ static int deciding(touch_watch_t *w, const float *found)
         gauges[1] = fminf(gauges[1], w->calm[1][k]);
     w->is_refused = gauges[0] > look_most[0] || gauges[1] > look_most[1];
 #if MODELS > 1
-    static const int kinds[] = KIND_OF;
+    static const int gauge_of[] = GAUGE_OF;
     for (int m = 1; m < MODELS; m++)
-        if (gauges[kinds[m - 1]] > look_limits[kinds[m - 1]])
+        if (gauges[gauge_of[m - 1]] > look_limits[m - 1])
             model = m;
 #endif
     return model;
@@ -260,7 +260,7 @@ static sign_t sensed(touch_watch_t *w, const float *tick)
         w->since = 0;
         w->is_known = 1;
     }
-    sign.report = !w->is_known && w->held >= WAIT;
+    sign.report = !w->is_known && (float)w->held >= look_wait[w->model];
     w->is_known = w->is_known || sign.report;
     sign.since = sign.report || w->lasts ? w->since : 0;
     sign.lasts = w->lasts;

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
@@ -12,7 +13,9 @@ from sklearn.linear_model import LogisticRegression
 from threadpoolctl import threadpool_limits
 
 from bench.corpora.faults import seeded_generator
+from bench.corpora.windows import Step
 from bench.errors import InputError
+from bench.models.recipe import apply_steps
 from touchbench_streams.detectors.base import DetectorC, Sign
 from touchbench_streams.detectors.detector import (
     Detector,
@@ -39,7 +42,7 @@ from touchbench_streams.detectors.signals import (
     measure_disturbance,
     tick_features,
 )
-from touchbench_streams.disturbed import KINDS, disturb_recordings
+from touchbench_streams.disturbed import KINDS, add_vibration, disturb_recordings
 from touchbench_streams.recordings import Recordings
 
 OFFSET = 0.3  # of a logarithm, in units of the median of training touches
@@ -54,6 +57,10 @@ FADED = 0.25
 BEGUN = -2.0
 # How much more disturbed than in training a sensor may be before the other classifier decides.
 MARGIN = 1.5
+# Most seconds of a touch before its report where another classifier decides, whose evidence of weak
+# touches comes and goes; chosen on HAART.
+SOON = 0.375
+FAINTEST = 0.05  # quantile of the disturbance in its training above which that classifier decides
 # Of full scale: a sensor that is disturbed less counts as calm; below the gauge of 0.5 % on HAART.
 SLIGHT = 3e-4
 IMPOSSIBLE = -1e30  # log of the share of a class that training did not have
@@ -101,8 +108,8 @@ class Hysteresis:
     A touch begins with a tick above a level, and is over after some ticks below a lower one. It
     begins only if the classifier has seen its beginning. It is also over when the evidence has
     faded, because background whose level has changed keeps some. It is reported at the first tick
-    that is not below the lower level once it has lasted ``times.wait`` ticks. What is over earlier
-    is no touch.
+    that is not below the lower level once it has lasted as many ticks as the evidence says. What is
+    over earlier is no touch.
 
     Args:
         levels: log-odds of touch.
@@ -125,7 +132,7 @@ class Hysteresis:
 
     def step_levels(self, evidence: np.ndarray) -> np.ndarray:
         """Take the evidence of a tick; return which levels report a touch, bool [levels]."""
-        odds, begins = map(float, evidence[:2])
+        odds, begins, _, wait = map(float, evidence)
         self.begun = AGES - 1 if begins > BEGUN else self.begun - 1
         starts = ~self.lasts & (odds > self.levels) & (self.begun > 0)
         self.since = np.where(self.lasts, self.since + 1, 1)
@@ -136,7 +143,7 @@ class Hysteresis:
         self.due = self.lasts & self.due | starts
         is_over = (self.below >= self.times.hold) | (self.weak >= self.times.fade)
         self.lasts = self.lasts & ~is_over | starts
-        report = self.due & (self.held >= self.times.wait)
+        report = self.due & (self.held >= wait)
         self.due = self.due & ~report
         return report
 
@@ -211,57 +218,75 @@ class Frames(Detector):
         fitted.times_ = TouchTimes.learn_from(recordings, self.wait, self.hold)
         gauges = [measure_disturbance(series).max(axis=0) for series in signals]
         calm = np.max(gauges, axis=0)
+        fitted.calm_ = calm
         fitted.limits_ = np.maximum(MARGIN * calm, SLIGHT * recordings.corpus.full_scale)
         fitted.disturbed_ = ()
         return fitted
 
     def fit_disturbed(
-        self, others: list[Self], recordings: Recordings, level: float, false_alarms: float
+        self,
+        others: list[Self],
+        recordings: Recordings,
+        steps: Sequence[Step],
+        level: float,
+        false_alarms: float,
     ) -> Self:
-        """Add a classifier for noise and one for vibration, each if it improves the score there.
+        """Add a classifier for vibration and two for noise, each if it improves the score there.
 
         Each is learned from copies of recordings with such a disturbance, and has its own
         threshold, by which its log-odds are shifted.
         """
-        prepared = copy(self)
-        positions = [np.arange(len(recordings))] * len(KINDS)
+        prepared, quick = copy(self), replace(self, wait=min(self.wait, SOON))
+        half = np.arange(len(recordings))
         if len(set(held_out_units(recordings))) >= MANY:
-            rng = seeded_generator("disturbed recordings")
-            positions = np.array_split(rng.permutation(len(recordings)), len(KINDS))
+            half = seeded_generator("disturbed recordings").permutation(half)[: len(half) // 2]
         count = count_frames_per_tick(self.tick, recordings.corpus.rate_hz)
-        for k, kind in enumerate(KINDS):
-            used = np.sort(positions[k])
+        for kind, gauge in KINDS.items():
+            used = np.sort(half) if kind is add_vibration else np.arange(len(recordings))
             part, calm_detectors = recordings[used], [others[i] for i in used]
-            disturbed = Recordings(disturb_recordings(part.corpus, kind), part.events)
-            ticks = average_into_ticks(disturbed, count)
+            disturbed = apply_steps(disturb_recordings(part.corpus, kind), [*steps])[0]
+            ticks = average_into_ticks(Recordings(disturbed, part.events), count)
             signals = [self.signals_of(ticks.corpus[i]) for i in range(len(ticks))]
             pairs = zip(calm_detectors, signals, strict=True)
             evidence = [detector.evidence(series) for detector, series in pairs]
             before = sweep_levels(calm_detectors, part, evidence, count, np.array([level]))
-            detectors, evidence = self.fit_held_out(signals, ticks, GROUPS)
+            detectors, evidence = quick.fit_held_out(signals, ticks, GROUPS)
             sweep = sweep_levels(detectors, part, evidence, count, self.levels)
             scores = score_levels(sweep, false_alarms)
             if scores.max() > score_levels(before, false_alarms).max():
                 shift = level - float(sweep["level"][scores.idxmax()])
-                fitted = replace(self).fit(signals, ticks)
-                prepared.disturbed_ = *prepared.disturbed_, (k, fitted, shift)
+                limit = prepared._limit_of_kind(gauge, signals)
+                fitted = replace(quick).fit(signals, ticks)
+                prepared.disturbed_ = *prepared.disturbed_, (gauge, fitted, shift, limit)
         return prepared
+
+    def _limit_of_kind(self, gauge: int, signals: list[np.ndarray]) -> float:
+        """How disturbed a sensor is at least where the next classifier decides."""
+        gauges = np.concatenate([measure_disturbance(series)[CALM:, gauge] for series in signals])
+        faintest = float(np.quantile(gauges, FAINTEST)) if len(gauges) else np.inf
+        if any(gauge == other for other, *_ in self.disturbed_):
+            return faintest
+        return float(np.clip(faintest, self.calm_[gauge], self.limits_[gauge]))
 
     def _standardise(self, table: np.ndarray) -> np.ndarray:
         return np.clip((table - self.mean_) / self.sd_, -CLIP, CLIP)
 
     def evidence(self, signals: np.ndarray) -> np.ndarray:
-        """Log-odds of touch and of its beginning, and whether a tick is refused [ticks, 3].
+        """Evidence of each tick [ticks, 4].
 
-        Log-odds are as if all classes were equally frequent. If the sensor is disturbed, they are
-        those of the classifier for that disturbance; noise takes precedence.
+        It is log-odds of touch and of its beginning, whether the tick is refused, and how many
+        ticks a touch lasts before its report. Log-odds are as if all classes were equally frequent.
+        If the sensor is disturbed, they are those of the classifier for that disturbance; noise
+        takes precedence.
         """
         odds, gauges = self._log_odds(signals), measure_disturbance(signals)
-        for kind, other, shift in self.disturbed_:
-            is_disturbed = gauges[:, [kind]] > self.limits_[kind]
+        wait = np.full((len(signals), 1), self.times_.wait)
+        for gauge, other, shift, limit in self.disturbed_:
+            is_disturbed = gauges[:, [gauge]] > limit
             if is_disturbed.any():
                 odds = np.where(is_disturbed, other._log_odds(signals) + [shift, 0], odds)
-        return np.column_stack([odds, (gauges > self._disturbance_limits).any(axis=1)])
+                wait = np.where(is_disturbed, other.times_.wait, wait)
+        return np.column_stack([odds, (gauges > self._disturbance_limits).any(axis=1), wait])
 
     def find_refused(self, evidence: np.ndarray) -> np.ndarray:
         """Whether the sensor is `MARGIN` times as disturbed as in training, bool [ticks]."""
@@ -269,8 +294,8 @@ class Frames(Detector):
 
     @property
     def _disturbance_limits(self) -> np.ndarray:
-        """Most disturbance of the sensor by each of `KINDS` that is not refused."""
-        return np.max([self.limits_, *(other.limits_ for _, other, _ in self.disturbed_)], axis=0)
+        """Most disturbance of the sensor by each gauge that is not refused."""
+        return np.max([self.limits_, *(other.limits_ for _, other, *_ in self.disturbed_)], axis=0)
 
     def _log_odds(self, signals: np.ndarray) -> np.ndarray:
         """Log-odds of touch and of its beginning by this classifier alone [ticks, 2]."""
@@ -297,7 +322,7 @@ class Frames(Detector):
     @property
     def soonest(self) -> int:
         """As of `Detector`; learned."""
-        return self.times_.wait
+        return min([self.times_.wait, *(other.times_.wait for _, other, *_ in self.disturbed_)])
 
     @property
     def latest(self) -> int:
@@ -306,7 +331,7 @@ class Frames(Detector):
 
     def in_c(self) -> DetectorC:
         """As of `touchbench_streams.detectors.detector.Detector`."""
-        models = [self, *(other for _, other, _ in self.disturbed_)]
+        models = [self, *(other for _, other, *_ in self.disturbed_)]
         classes = max(len(model.prior_) for model in models)
         weights, biases = zip(*(model._linear_weights(classes) for model in models), strict=True)
         signal_constants = {
@@ -328,7 +353,7 @@ class Frames(Detector):
             "MODELS": len(models),
             "CALM": CALM,
             "CALMEST": int(CALMEST * CALM),
-            "KIND_OF": "{" + ", ".join(str(kind) for kind, _, _ in self.disturbed_) + "}",
+            "GAUGE_OF": "{" + ", ".join(str(gauge) for gauge, *_ in self.disturbed_) + "}",
             "CLIP": CLIP,
         }
         rule_constants = {
@@ -336,7 +361,6 @@ class Frames(Detector):
             "BEGUN": BEGUN,
             "AGES": AGES,
             "FADED": FADED,
-            "WAIT": self.times_.wait,
             "HOLD": self.times_.hold,
             "FADE": self.times_.fade,
         }
@@ -361,11 +385,12 @@ class Frames(Detector):
             "sd": np.concatenate([model.sd_ for model in models]),
             "weights": np.concatenate([of_model.ravel() for of_model in weights]),
             "bias": np.concatenate(biases),
-            "shift": [0.0, *(shift for _, _, shift in self.disturbed_)],
+            "shift": [0.0, *(shift for _, _, shift, _ in self.disturbed_)],
+            "wait": [float(model.times_.wait) for model in models],
             "most": self._disturbance_limits,
         }
         if self.disturbed_:
-            arrays["limits"] = self.limits_
+            arrays["limits"] = [limit for *_, limit in self.disturbed_]
         state = (
             "float baseline[{TAXELS}], above[{TAXELS}];  /* of the last tick */",
             f"float slow[{len(PACES)}][{{TAXELS}}];  /* slow means */",
@@ -406,7 +431,7 @@ class Frames(Detector):
     def numbers(self) -> int:
         """As of `Detector`, with those of classifiers for a disturbed sensor."""
         numbers = self.model_.coef_.size + 3 + 2 * len(self.mean_) + 2 * LEVELS + CHANGES + 5
-        return numbers + sum(other.numbers + 2 for _, other, _ in self.disturbed_)
+        return numbers + sum(other.numbers + 4 for _, other, *_ in self.disturbed_)
 
 
 def touch_ages(recording: Recordings) -> tuple[np.ndarray, np.ndarray]:

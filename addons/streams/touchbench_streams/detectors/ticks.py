@@ -80,7 +80,8 @@ def learn_watcher(
     Returns:
         The watcher, and the sweep of thresholds (`sweep_levels`).
     """
-    corpus = apply_steps(recordings.corpus, split_causal_steps(system)[0])[0]
+    steps = split_causal_steps(system)[0]
+    corpus = apply_steps(recordings.corpus, steps)[0]
     stepped = replace(recordings, corpus=corpus)
     count = count_frames_per_tick(detector.tick, corpus.rate_hz)
     ticks = average_into_ticks(stepped, count)
@@ -90,7 +91,7 @@ def learn_watcher(
     level = float(sweep["level"][score_levels(sweep, false_alarms).idxmax()])
     names = fit_names(make_system, recordings)
     fitted = copy(detector).fit(signals, ticks)
-    fitted = fitted.fit_disturbed(others, stepped, level, false_alarms)
+    fitted = fitted.fit_disturbed(others, recordings, steps, level, false_alarms)
     points = choose_operating_points(sweep, level)
     signs = [
         run_rules(one.rules(level), series) for one, series in zip(others, evidence, strict=True)
