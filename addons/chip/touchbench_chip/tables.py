@@ -38,8 +38,8 @@ if TYPE_CHECKING:
 
 BITS8, BITS16, BITS32 = 2**8, 2**16, 2**32
 # Thousands of instructions, counted in QEMU: of a frame of a signal (all its statistics, or only
-# fetched), of a term of a spectrum, of a taxel that is put in order, of a weight.
-DESCRIBED, FETCHED, TERM, SPREAD, WEIGHED = 0.36, 0.1, 0.0135, 0.3, 0.014
+# fetched), of a term of a spectrum or covariance, of a taxel that is put in order, of a weight.
+DESCRIBED, FETCHED, TERM, COVARIED, SPREAD, WEIGHED = 0.36, 0.1, 0.0135, 0.0178, 0.3, 0.014
 LONGEST_TOUCH = 2**30  # frames of a system on windows, whose memory does not grow
 
 
@@ -302,7 +302,8 @@ def _step_costs(
     spectra = [FETCHED * part + TERM * terms] * len(SPECTRAL_SIGNALS)
     steps = [DESCRIBED * part] * len(SIGNALS) + spectra
     steps += [SPREAD * grid[0] * grid[1]] * 3
-    steps += [TERM * len(PROFILE_PAIRS) * part * lines for lines in profiled]
+    for lines in profiled:  # a third in each step
+        steps += [COVARIED * len(PROFILE_PAIRS) * part * lines / 3] * 3
     steps += [WEIGHED * weights]
     costs = [max(1, round(step)) for step in steps]
     return {"COSTS": f"{{{', '.join(map(str, costs))}}}", "COST": str(sum(costs))}

@@ -11,7 +11,8 @@ enum {
     SPECTRA = STATISTICS * SIGNALS, /* features before those of spectra, and of the taxels; steps to all */
     OF_TAXELS = SPECTRA + (BANDS + 2) * SPECTRAL + LAGS * LAGGED + 3,
     OF_PROFILES = OF_TAXELS + 3 * (SPREAD + 1),
-    FEATURE_STEPS = SIGNALS + SPECTRAL + 3 + 2 * PROFILES
+    THIRDS = 3, /* of the covariances of rows, and of columns: a step each */
+    FEATURE_STEPS = SIGNALS + SPECTRAL + 3 + 2 * THIRDS * PROFILES
 };
 
 static float ratio(float a, float b) { return b > 0 ? a / b : 0; }
@@ -391,17 +392,19 @@ static void signal_features(touch_t *t, int end, int n, int s)
 }
 
 #if PROFILES
-/* Covariances of some lines, rows or columns, in the n frames before frame `end`: with themselves or the next ones. */
-static void covariances(const touch_t *t, int end, int n, int first, int lines, float *found)
+/* A third of the covariances of some lines, rows or columns, in the n frames before frame `end`: with themselves or the
+   next ones. */
+static void covariances(const touch_t *t, int end, int n, int first, int lines, int third, float *found)
 {
     static const int pair_lags[PAIRS] = PAIR_FRAMES, shifts[PAIRS] = PAIR_SHIFTS;
     float means[ROWS > COLS ? ROWS : COLS];
     for (int l = 0; l < lines; l++) {
         means[l] = 0;
         for (int i = end - n; i < end; i++)
-            means[l] += t->profiles[i % RING][first + l] / (float)n;
+            means[l] += t->profiles[i % RING][first + l];
+        means[l] /= (float)n;
     }
-    for (int k = 0; k < PAIRS; k++) {
+    for (int k = PAIRS * third / THIRDS; k < PAIRS * (third + 1) / THIRDS; k++) {
         int lag = pair_lags[k], shift = shifts[k], low = shift < 0 ? -shift : 0, high = lines - (shift > 0 ? shift : 0);
         int pairs = (n - lag) * (high - low);
         float sum = 0;
@@ -430,8 +433,9 @@ static void feature_step(touch_t *t, int end, int n, const touch_part_t *const *
         spectrum(t, t->series, n, place, found + SPECTRA);
 #if PROFILES
     } else if (step >= SIGNALS + SPECTRAL + 3) {
-        int is_cols = step > SIGNALS + SPECTRAL + 3;
-        covariances(t, end, n, is_cols ? ROWS : 0, is_cols ? COLS : ROWS, found + OF_PROFILES + is_cols * PAIRS);
+        int place = step - SIGNALS - SPECTRAL - 3, is_cols = place >= THIRDS, first = is_cols ? ROWS : 0;
+        float *of_lines = found + OF_PROFILES + is_cols * PAIRS;
+        covariances(t, end, n, first, is_cols ? COLS : ROWS, place % THIRDS, of_lines);
 #endif
     } else {
         int kind = step - SIGNALS - SPECTRAL;
