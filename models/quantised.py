@@ -11,9 +11,11 @@ from sklearn.pipeline import Pipeline
 from bench.errors import InputError
 from bench.models.classic.bayes import GaussianBayes
 from bench.models.classic.lda import Discriminants
+from bench.models.classic.perceptron import Perceptron
 from bench.models.out_of_distribution import GuardedDiscriminants
 
 BITS = (32, 8)
+QUANTISED = (Discriminants, GuardedDiscriminants, Perceptron, LogisticRegression, GaussianBayes)
 
 
 def quantise_rows(weights: np.ndarray, bits: int) -> tuple[np.ndarray, np.ndarray]:
@@ -50,9 +52,7 @@ def _join_triangle(below: np.ndarray, diagonal: np.ndarray) -> np.ndarray:
 
 def can_quantise(classifier: object) -> bool:
     """True if the weights of a classifier can be stored in few bits."""
-    return isinstance(
-        classifier, Discriminants | GuardedDiscriminants | LogisticRegression | GaussianBayes
-    )
+    return isinstance(classifier, QUANTISED)
 
 
 def quantise_pipeline(system: Pipeline, bits: int) -> Pipeline:
@@ -66,11 +66,10 @@ def quantise_pipeline(system: Pipeline, bits: int) -> Pipeline:
     if isinstance(classifier, GuardedDiscriminants):
         mean, sd = classifier.mean_.astype(float), classifier.sd_.astype(float)
         rounded.linear_ = _round_discriminants(classifier.linear_, mean, sd, bits)
-        rounded.robust_ = copy(classifier.robust_)
-        layers = [w.T.astype(float) for w in classifier.robust_.coefs_]
-        layers = [round_weights(layer, bits).T.astype(np.float32) for layer in layers]
-        rounded.robust_.coefs_ = layers
-        count = rounded.linear_.coef_.size + sum(layer.size for layer in layers)
+        rounded.robust_, count = _round_network(classifier.robust_, bits)
+        count += rounded.linear_.coef_.size
+    elif isinstance(classifier, Perceptron):
+        rounded, count = _round_network(classifier, bits)
     elif isinstance(classifier, Discriminants):
         learnt = classifier.learnt_
         rounded = _round_discriminants(classifier, learnt.mean, learnt.sd, bits)
@@ -86,6 +85,14 @@ def quantise_pipeline(system: Pipeline, bits: int) -> Pipeline:
         raise InputError(f"model.bits={bits}: {name} cannot be stored in few bits; leave it out")
     rounded.bytes_saved_ = (4 - bits // 8) * count
     return Pipeline([*before, (name, rounded)])
+
+
+def _round_network(network: Perceptron, bits: int) -> tuple[Perceptron, int]:
+    """A network with rounded weights, and the count of these."""
+    rounded = copy(network)
+    layers = [round_weights(layer.T.astype(float), bits) for layer in network.coefs_]
+    rounded.coefs_ = [layer.T.astype(np.float32) for layer in layers]
+    return rounded, sum(layer.size for layer in layers)
 
 
 def _round_discriminants(

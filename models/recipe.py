@@ -83,7 +83,7 @@ class Recipe(MostProbable):
         check_value("model.bits", self.bits, self.bits in BITS, "32 or 8")
         is_plain = type(system) in PLAIN_PIPELINES
         is_supported = self.bits == 32 or (is_plain and can_quantise(system.steps[-1][1]))
-        advice = "32; reflex, lda, softmax, bayes and hughes2017_cnn can have 8"
+        advice = "32; reflex, lda, softmax, perceptron, bayes and hughes2017_cnn can have 8"
         check_value("model.bits", self.bits, is_supported, advice)
         self.training_steps()
         contract.check_parameters(system)

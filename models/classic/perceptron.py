@@ -123,6 +123,11 @@ class Perceptron(MostProbable):
         return softmax(logits, axis=1)
 
     @property
+    def activations_(self) -> int:
+        """Number of inputs and units."""
+        return self.n_features_in_ + self.units
+
+    @property
     def parameters_(self) -> int:
         """Number of weights, biases, means and scales."""
         return sum(a.size for a in (*self.coefs_, *self.intercepts_, self.mean_, self.scale_))

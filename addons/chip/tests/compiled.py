@@ -18,7 +18,7 @@ from bench.features.touch import TouchFeatures
 from bench.features.touch_profiles import TouchProfiles
 from bench.models.classic.bayes import bayes
 from bench.models.classic.lda import lda
-from bench.models.classic.perceptron import Perceptron
+from bench.models.classic.perceptron import Perceptron, perceptron
 from bench.models.classic.rf import et, rf
 from bench.models.classic.softmax import softmax
 from bench.models.classic.svm import svm
@@ -43,6 +43,7 @@ SYSTEMS = {
     "lda scaled": lambda: Recipe(
         lda(TouchFeatures()), window=0.4, repair=("offset",), scale="peak"
     ),
+    "perceptron": lambda: Recipe(perceptron(TouchFeatures(), units=6, updates=200), **WINDOW),
     "softmax on jung28": lambda: softmax(Jung28()),
     "bayes": lambda: bayes(Jung28()),
     "svm": lambda: svm(Jung28()),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import textwrap
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -16,6 +17,7 @@ from sklearn.tree import DecisionTreeClassifier
 from bench.errors import InputError
 from bench.models.classic.bayes import GaussianBayes
 from bench.models.classic.lda import Discriminants
+from bench.models.classic.perceptron import Perceptron
 from bench.models.classic.scaling import RangeScaler, ZScaler
 from bench.models.classic.svm import RankedSVC
 from bench.models.classic.tree import PrunedTree
@@ -25,7 +27,7 @@ from bench.models.quantised import quantise_rows, split_triangle
 
 SINGLE = np.float32
 ROUNDING = 1e-6
-EXPORTABLE = "reflex, lda, softmax, bayes, svm, tree, rf, et or xgb"
+EXPORTABLE = "reflex, lda, softmax, perceptron, bayes, svm, tree, rf, et or xgb"
 
 
 @dataclass
@@ -160,25 +162,13 @@ def _convert_guarded(_: Affine, classifier: GuardedDiscriminants, bits: int) -> 
     mean, sd = classifier.mean_.astype(float), classifier.sd_.astype(float)
     varies = _find_varying(mean, sd)
     weights, step = quantise_rows(linear.coef_ * np.where(varies, sd, 0), bits)
-    net_varies = _find_varying(network.mean_, network.scale_)
-    net_scale = np.where(net_varies, _invert_nonzero(network.scale_), 0)
-    hidden, hidden_step = quantise_rows(network.coefs_[0].T.astype(float), bits)
-    last, last_step = quantise_rows(network.coefs_[1].T.astype(float), bits)
     arrays = {
         "a": mean.astype(SINGLE),
         "b": np.where(varies, _invert_nonzero(sd), 0).astype(SINGLE),
         "weights": weights,
         "step": step,
         "bias": (linear.intercept_ + linear.coef_ @ mean).astype(SINGLE),
-        "net_a": network.mean_,
-        "net_b": net_scale.astype(SINGLE),
-        "hidden": hidden,
-        "hidden_step": hidden_step,
-        "hidden_bias": network.intercepts_[0],
-        "last": last,
-        "last_step": last_step,
-        "last_bias": network.intercepts_[1],
-    }
+    } | _network_tables(network, bits)
     body = f"""    float *z = t->measured, network[{{CLASSES}}], unusual = 0;
     measured(t->features, {{a}}, {{b}}, 0, z);
     for (int i = 0; i < FEATURES; i++)
@@ -188,14 +178,7 @@ def _convert_guarded(_: Affine, classifier: GuardedDiscriminants, bits: int) -> 
     layer({{weights}}, {{step}}, {{bias}}, {{CLASSES}}, FEATURES, z, proba);
     softmax(proba, {{CLASSES}});
     if (doubt > 0) {{{{
-        measured(t->features, {{net_a}}, {{net_b}}, 0, z);
-        for (int i = 0; i < FEATURES; i++)
-            z[i] = fminf(fmaxf(z[i], -{format_float(network.clip)}), {format_float(network.clip)});
-        layer({{hidden}}, {{hidden_step}}, {{hidden_bias}}, {{UNITS}}, FEATURES, z, t->units);
-        for (int i = 0; i < {{UNITS}}; i++)
-            t->units[i] = fmaxf(t->units[i], 0);
-        layer({{last}}, {{last_step}}, {{last_bias}}, {{CLASSES}}, {{UNITS}}, t->units, network);
-        softmax(network, {{CLASSES}});
+{textwrap.indent(_network_body(network, "network"), " " * 8)}\
         for (int c = 0; c < {{CLASSES}}; c++)
             proba[c] = (1 - doubt) * proba[c] + doubt * network[c];
     }}}}
@@ -205,6 +188,50 @@ def _convert_guarded(_: Affine, classifier: GuardedDiscriminants, bits: int) -> 
     return Decider(
         arrays, body, comment, {"measured": width, "units": units}, {"UNITS": str(units)}
     )
+
+
+def _network_tables(network: Perceptron, bits: int) -> dict[str, np.ndarray]:
+    """Tables of a network with one hidden layer."""
+    varies = _find_varying(network.mean_, network.scale_)
+    scale = np.where(varies, _invert_nonzero(network.scale_), 0)
+    hidden, hidden_step = quantise_rows(network.coefs_[0].T.astype(float), bits)
+    last, last_step = quantise_rows(network.coefs_[1].T.astype(float), bits)
+    return {
+        "net_a": network.mean_,
+        "net_b": scale.astype(SINGLE),
+        "hidden": hidden,
+        "hidden_step": hidden_step,
+        "hidden_bias": network.intercepts_[0],
+        "last": last,
+        "last_step": last_step,
+        "last_bias": network.intercepts_[1],
+    }
+
+
+def _network_body(network: Perceptron, proba: str) -> str:
+    """C that computes the probabilities of a network into ``proba``, in the work space ``z``."""
+    clip = format_float(network.clip)
+    return f"""measured(t->features, {{net_a}}, {{net_b}}, 0, z);
+for (int i = 0; i < FEATURES; i++)
+    z[i] = fminf(fmaxf(z[i], -{clip}), {clip});
+layer({{hidden}}, {{hidden_step}}, {{hidden_bias}}, {{UNITS}}, FEATURES, z, t->units);
+for (int i = 0; i < {{UNITS}}; i++)
+    t->units[i] = fmaxf(t->units[i], 0);
+layer({{last}}, {{last_step}}, {{last_bias}}, {{CLASSES}}, {{UNITS}}, t->units, {proba});
+softmax({proba}, {{CLASSES}});
+"""
+
+
+def _convert_perceptron(scaling: Affine, network: Perceptron, bits: int) -> Decider:
+    """The scaling before it joins its own."""
+    tables, units = _network_tables(network, bits), len(network.intercepts_[0])
+    own = tables["net_a"].astype(float), tables["net_b"].astype(float), np.zeros(len(scaling[0]))
+    a, b, _ = _chain_scalings(scaling, *own)
+    tables |= {"net_a": a.astype(SINGLE), "net_b": b.astype(SINGLE)}
+    body = textwrap.indent("float *z = t->measured;\n" + _network_body(network, "proba"), "    ")
+    buffers = {"measured": network.n_features_in_, "units": units}
+    comment = "a network with one hidden layer"
+    return Decider(tables, body, comment, buffers, {"UNITS": str(units)})
 
 
 def _convert_bayes(scaling: Affine, classifier: GaussianBayes, bits: int) -> Decider:
@@ -419,6 +446,7 @@ def _convert_boosted(scaling: Affine, classifier: BoostedTrees, bits: int) -> De
 TREES = (RandomForestClassifier, ExtraTreesClassifier, DecisionTreeClassifier)
 CONVERTERS: dict[Any, Callable[[Affine, Any, int], Decider]] = {
     GuardedDiscriminants: _convert_guarded,
+    Perceptron: _convert_perceptron,
     Discriminants: _convert_discriminants,
     LogisticRegression: _convert_logistic,
     GaussianBayes: _convert_bayes,
