@@ -56,7 +56,8 @@ int main(void)
     static touch_watch_t watch;
     touch_event_t event;
     touch_watch_init(&watch);
-    touch_set_confidence(&watch, 0.5f); /* less sure labels are unknown; the certificate tells how often others are right */
+    /* touch_set_confidence(&watch, 0.7f) makes less sure labels unknown: the certificate, whose promises are without it,
+       tells how often the others are right. */
     while (read_frame(frame, &lost)) { /* TOUCH_RATE_HZ times a second, for ever */
         if (lost)
             tell(touch_missed(&watch, lost, &event), &event);
