@@ -32,7 +32,7 @@ from bench.running.tracking import (
     load_finished_run,
     open_run,
 )
-from bench.running.workers import FoldExecutor, local_executor
+from bench.running.workers import FoldExecutor, fresh_modules, local_executor
 from bench.store.client import Store, connect
 from bench.store.database import RunLocked, lock_run
 from bench.values.result import Result, format_count
@@ -196,6 +196,7 @@ def fits_differ(plan: Plan) -> bool:
     few = fold.train[labels.groupby(labels).cumcount() < FITTED_TWICE]
     with (
         suppress(Exception, SystemExit),
+        fresh_modules(),
         close_corpora(),
         redirect_stdout(io.StringIO()),
         warnings.catch_warnings(),
