@@ -8,11 +8,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.corpora.corpus import Corpus
+from bench.corpora.corpus import COPY, Corpus
 from bench.corpora.faults import FAULTS, as_readings
 from bench.errors import InputError
 from bench.features.touch import TouchFeatures
 from bench.models.classic.lda import lda
+from bench.models.recipe import Recipe, split_training
+from bench.models.steps import Repair
+from touchbench_streams.detectors import names
 from touchbench_streams.detectors.detector import (
     Detector,
     choose_operating_points,
@@ -48,6 +51,26 @@ def learn_from(detector, train):
 def watcher(request, recordings):
     """What learned from the first two people."""
     return learn_from(request.param, recordings[np.arange(2)])
+
+
+def test_names_are_learned_from_damaged_copies_of_each_touch(recordings):
+    system = Recipe(lda(TouchFeatures()), faults=("noise",), repair=("dead",), copies=2)
+    damaging, steps, recipe = split_training(system)
+    assert recipe.training_steps() == [] and steps == [Repair(("dead",))]
+    parts = [*names._training_parts(recordings, damaging, steps)]
+    index, copy = (
+        np.concatenate(values)
+        for values in zip(*((part.index, part.piece // COPY) for part in parts), strict=True)
+    )
+    assert len({*index}) == len(index) and not copy[: len(parts[0])].any()
+    damaged = [part for part in parts if part.piece.any()]
+    touches, lengths = len(recordings.events), len(names.DAMAGED_S)
+    assert copy.sum() == sum(map(len, damaged)) == 2 * lengths * touches
+    untouched = cut_touches(recordings, (np.inf,), (0.0,))
+    first = damaged[0][len(damaged[0]) // 2 :]  # whole touches come after their beginnings
+    assert np.array_equal(first.lengths[:2], np.repeat(untouched.lengths[:1], 2))
+    steps_apart = np.abs(first[0] - untouched[0].astype(np.float32))
+    assert 0 < np.median(steps_apart) < 0.1 * recordings.corpus.full_scale
 
 
 def silent_recordings(lengths, events, rate_hz=8.0):

@@ -59,7 +59,7 @@ BEGUN = -2.0
 MARGIN = 1.5
 # Most seconds of a touch before its report where another classifier decides, whose evidence of weak
 # touches comes and goes; chosen on HAART.
-SOON = 0.375
+SOON = 0.5
 FAINTEST = 0.05  # quantile of the disturbance in its training above which that classifier decides
 # Of full scale: a sensor that is disturbed less counts as calm; below the gauge of 0.5 % on HAART.
 SLIGHT = 3e-4
