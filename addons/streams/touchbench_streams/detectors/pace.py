@@ -18,6 +18,7 @@ TOUCHES = 240  # most training touches that are learned from
 CLIP = 6.0  # SDs of a feature in training
 MOST = 1.5  # largest pace of a touch
 RIDGE = 30.0
+FEWEST = 30  # touches, with changed ones, to learn from
 GROUPS = "3"  # of units for paces of training touches
 
 
@@ -78,7 +79,7 @@ def learn_pace(
             owners.append(i)
     rows = np.concatenate([features[i] for i in range(len(touches))])
     owner = np.repeat(np.arange(len(touches)), [len(found) for found in touches])
-    if not copies:
+    if len(rows) + len(copies) < FEWEST:
         return NO_PACE, [np.zeros(len(found)) for found in touches]
     captures = Corpus.from_captures(
         copies,
@@ -110,6 +111,8 @@ def _change_pace(frames: np.ndarray, touch: Span) -> list[np.ndarray]:
 
 
 def _fit_rule(features: np.ndarray, target: np.ndarray, weight: np.ndarray) -> Pace:
+    if len(features) < FEWEST:
+        return NO_PACE
     mean, sd = features.mean(axis=0), features.std(axis=0) + 1e-9
     units = np.clip((features - mean) / sd, -CLIP, CLIP)
     places = np.argsort(-np.abs(Ridge(alpha=10 * RIDGE).fit(units, target, weight).coef_))[:COUNT]
