@@ -127,7 +127,8 @@ def random_tables(draw):
     for recording, reported, frames, first, label in draw(
         st.lists(row, max_size=12, unique_by=lambda r: r[:3])
     ):
-        reports.append((recording, reported, reported + frames, first, label, 0.5, int(first != label)))
+        changes = int(first != label)
+        reports.append((recording, reported, reported + frames, first, label, 0.5, changes))
     return touches, reports, draw(st.integers(1, 6))
 
 
@@ -191,7 +192,8 @@ def test_counts_equal_sed_evals(onsets, reported, counts):
 def test_subjects_and_intervals():
     """Subject c has background and a false alarm, but no touches; d has no background."""
     truth = pd.concat([TRUTH, event_table([(3, 0, 9, "pat")])], ignore_index=True)
-    reports = pd.concat([REPORTS, report_table([(2, 5, 9, "pat", "pat", 0.5, 0)])], ignore_index=True)
+    more = report_table([(2, 5, 9, "pat", "pat", 0.5, 0)])
+    reports = pd.concat([REPORTS, more], ignore_index=True)
     names = np.array(list("abcd"))
     touches, reports = match_reports(
         truth.assign(subject=names[truth["recording"]]),

@@ -25,7 +25,8 @@ from bench.running.saved import Recogniser, save_model
 from tests.conftest import BENCH
 from tests.running.test_replay import Rising, coded_corpus, lengths_of
 from touchbench_streams.detectors.base import Event
-from touchbench_streams.live import decision_windows, read_frames
+from touchbench_streams.lines import read_frames
+from touchbench_streams.live import decision_windows
 
 
 @given(lengths_of, st.floats(10, 200), st.integers(1, 12))

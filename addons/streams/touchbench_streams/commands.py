@@ -56,13 +56,13 @@ LIVE = Command(
     "ship",
     "classify frames of a sensor with a saved model",
     "Reads frames from a serial port, the network or standard input: one per line, values in "
-    "row-major order, separated by commas or blanks, at most 32 characters each. If the model can watch an endless stream, it prints a line (ms, news, "
-    "label, confidence) when a touch is reported, changed or ended. Otherwise, or with events=no, "
-    "an empty line ends a capture, and each decision prints capture, ms, label, confidence and "
-    "settled. settled is yes once waiting would gain too little. MODEL is as for bench predict. "
+    "row-major order, separated by commas or blanks, at most 32 characters each. If the model can "
+    "watch an endless stream, it prints a line (ms, news, label, confidence) when a touch is "
+    "reported, changed or ended. Otherwise, or with events=no, an empty line ends a capture, and "
+    "each decision prints capture, ms, label, confidence and settled. settled is yes once waiting "
+    "would gain too little. MODEL is as for bench predict. "
     f"{TRUST_NOTE}",
-    "sensor | bench live models:/m-0123456789abcdef\n"
-    "bench live robot port=/dev/ttyACM0 show=yes",
+    "sensor | bench live models:/m-0123456789abcdef\nbench live robot port=/dev/ttyACM0 show=yes",
     "MODEL [events=no] [hop_ms=125]",
     module="touchbench_streams.commands",
     follows={"predict": "sensor | bench live {}"},

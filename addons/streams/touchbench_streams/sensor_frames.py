@@ -13,7 +13,7 @@ from typing import BinaryIO, NamedTuple
 import numpy as np
 
 from bench.errors import InputError, one_line
-from touchbench_streams.live import MOST_BAD_LINES, parse_frame, read_lines
+from touchbench_streams.lines import MOST_BAD_LINES, parse_frame, read_lines
 
 FEW = 20  # frames that tell a counter from a time stamp
 LATE = 1.5  # periods between two time stamps that mean a lost frame
