@@ -30,8 +30,9 @@ def estimate_from_work(plan: Plan) -> float | None:
     work = captures * (per_capture + per_frame * float(plan.corpus.lengths.mean()))
     defaults = parameter_defaults(cell.model.factory)
     for name in LOOPS:
-        if isinstance(default := defaults.get(name), int) and default:
-            work *= float(cell.model.parameters[name]) / default
+        default, value = defaults.get(name), cell.model.parameters.get(name)
+        if isinstance(default, int) and isinstance(value, int):
+            work *= value / max(1, default)
     return (FOLD_WORK + work) * _seconds_of_workload()
 
 
