@@ -3,12 +3,10 @@
 import ctypes
 import io
 import subprocess
-import sys
 from copy import copy
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -329,9 +327,7 @@ def test_a_sensor_that_is_noisier_than_in_training_is_refused_frame_by_frame_and
 
 
 @pytest.mark.skipif(bool(describe_missing("make")), reason=describe_missing("make"))
-def test_the_program_prints_what_bench_live_prints_and_nothing_is_undefined(
-    tmp_path, monkeypatch, capsys
-):
+def test_the_program_prints_what_bench_live_prints_and_nothing_is_undefined(tmp_path, capsys):
     recogniser = fit_watcher("frames")
     write_files(recogniser, tmp_path)
     frames = recordings_for("frames").corpus[0][:1600]
@@ -354,9 +350,8 @@ def test_the_program_prints_what_bench_live_prints_and_nothing_is_undefined(
 
     done = printed(lines)
     assert (done.returncode, done.stderr) == (0, "")
-    with monkeypatch.context() as patch:
-        patch.setattr(sys, "stdin", SimpleNamespace(buffer=io.BytesIO(lines.encode())))
-        assert live.report_touches_live(recogniser, recogniser.watcher) == 0
+    source = io.BytesIO(lines.encode())
+    assert live.report_touches_live(recogniser, recogniser.watcher, source, show=False) == 0
     outputs = done.stdout, capsys.readouterr().out
     mine, theirs = ([line.split(",") for line in out.splitlines()] for out in outputs)
     assert [row[:3] for row in mine] == [row[:3] for row in theirs] and {"reported", "ended"} < {
