@@ -109,9 +109,18 @@ def load_boards() -> dict[str, Board]:
                 name.replace("kib", "kb"): 1.024 * float(row[name])
                 for name in ("flash_kib", "ram_kib", "core_flash_kib", "core_ram_kib")
             }
-            flags = {name: row[name] == "yes" for name in ("fpu", "tables_in_ram")}
-            clock, texts = float(row["clock_mhz"]), {n: row[n] for n in ("title", "source")}
-            boards[row["name"]] = Board(clock_mhz=clock, **texts, **sizes, **flags)
+            board = Board(
+                row["title"],
+                sizes["flash_kb"],
+                sizes["ram_kb"],
+                clock_mhz=float(row["clock_mhz"]),
+                fpu=row["fpu"] == "yes",
+                source=row["source"],
+                core_flash_kb=sizes["core_flash_kb"],
+                core_ram_kb=sizes["core_ram_kb"],
+                tables_in_ram=row["tables_in_ram"] == "yes",
+            )
+            boards[row["name"]] = board
     return boards
 
 

@@ -38,6 +38,7 @@ STATUS_MESSAGES = (  # of the reasons, in the order of their bits
     "touches are unlike those of training",
 )
 
+
 def run_stream(model: str, hop_ms: float, events: bool, show: bool, sensor: Sensor) -> int:
     """Classify frames of a sensor with a saved model until it ends.
 
