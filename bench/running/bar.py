@@ -106,8 +106,8 @@ class Bar(Progress):
             status = "failed" if result.error else "done"
             line = f"{run.description}: {title} {status} after {format_seconds(result.seconds)}, "
             line += f"{run.completed:.0f} of {run.total:.0f} folds"
-            if run.time_remaining and self.runs == 1:
-                line += f", {format_seconds(run.time_remaining)} left"
+            if self.runs == 1 and self.missing and (seconds := self.seconds_left):
+                line += f", {format_seconds(seconds)} left"
             self.console.print(line, markup=False, highlight=False, soft_wrap=True)
 
     def end_run(self) -> None:

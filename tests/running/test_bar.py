@@ -32,3 +32,16 @@ def test_a_grid_has_its_number_of_runs_and_the_time_left_for_all(capsys):
     assert "fold 1 failed after 3 s, 1 of 2 folds" in lines
     assert "fold 1 failed: ValueError: too few" in lines
     assert "fold 2, after= failed: ValueError: no replay" in lines
+
+
+def test_folds_that_end_together_are_no_reason_to_hope(capsys):
+    """Two workers end their first folds at once: the clock counts from the beginning."""
+    clock = [0.0]
+    with Bar(1) as bar:
+        bar.get_time = lambda: clock[0]
+        bar.begin_run("svm", 6, [*"123456"])
+        for fold, seconds in (("1", 99.0), ("2", 100.0)):
+            clock[0] = seconds
+            bar.end_fold(FoldResult(fold, seconds=seconds))
+    line = "fold 2 done after 1 min 40 s, 2 of 6 folds, 3 min 20 s left\n"
+    assert line in capsys.readouterr().err

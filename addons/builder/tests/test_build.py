@@ -98,6 +98,12 @@ def test_recordings_become_c_that_compiles_passes_its_test_and_keeps_its_certifi
     words["README.md"].append("It finds no touches itself")
     for name, parts in words.items():
         assert all(part in Path("robot", name).read_text() for part in parts)
+    page = certificate.render_page(facts)
+    assert "Only one system was compared" in page and "tests this page on people" in page
+    two = {"mean_low": None, "person_low": None, "next_people": None}
+    of_two = certificate.render_page(facts | {"captures": expected | two})
+    assert "needs a certificate with bounds" in of_two and "tests this page" not in of_two
+    assert "of the next people or more" in of_two and of_two.endswith("`\n")
 
     result = run_in_robot("make", "-s", "test", "examples")
     assert result == (0, "3 of 3 captures as in Python\n")

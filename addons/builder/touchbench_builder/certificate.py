@@ -95,7 +95,7 @@ def make_certificate(
             "full_scale": recogniser.full_scale,
             "subjects": sorted(set(corpus.subjects.astype(str))),
             "captures_seen": " ".join(sorted({*filter(None, capture_digests(corpus))})),
-            "noise": round(float(sensor_table(corpus)["noise"].mean()), 3),
+            "noise": float(f"{sensor_table(corpus)['noise'].mean():.3g}"),
             "warnings": warnings,
         },
         "system": {
@@ -244,7 +244,7 @@ def render_page(facts: Mapping[str, Any]) -> str:
     env = template_environment(files("touchbench_builder") / "templates")
     env.filters["pc"] = format_share
     env.filters["num"] = format_number
-    return env.get_template("certificate.md.jinja").render(**facts)
+    return env.get_template("certificate.md.jinja").render(**facts) + "\n"
 
 
 def format_share(share: float | None) -> str:
@@ -263,7 +263,7 @@ def summary_lines(facts: Mapping[str, Any]) -> list[str]:
     """Summarise the certificate in a line or two."""
     stream, people = facts["stream"], facts["data"]["people"]
     bounds = facts["captures"] if stream is None else stream["last"]
-    noun = "correctly classified captures" if stream is None else "touches of a stream named right"
+    noun = "correctly classified captures" if stream is None else "of touches named right"
     shares = {name: format_share(bounds[name]) for name in ("mean", "mean_low", "person_low")}
     line = f"{facts['system']['name']}: a new person may expect {shares['mean']} {noun}"
     if bounds["mean_low"] is None:

@@ -1,6 +1,7 @@
 """Detectors look at no later tick, learn times and thresholds, and agree with plain loops."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -40,10 +41,12 @@ def recordings():
     return generate(subjects=3, variants=("normal",), rate_hz=30.0)
 
 
-def learn_from(detector, train):
+make_lda = partial(lda, TouchFeatures())
+
+
+def learn_from(detector, train, make=make_lda):
     """A watcher that learned from some recordings."""
     captures = cut_into_captures(train)
-    make = lambda: lda(TouchFeatures())  # noqa: E731
     return learn_watcher(detector, make, make().fit(captures, captures.gestures), train, 60.0)[0]
 
 
@@ -227,6 +230,23 @@ def test_names_come_from_the_frames_up_to_the_last_sure_tick_of_each_part():
 
 
 @pytest.mark.parametrize("slices", [1, 3])
+def test_the_soonest_report_is_of_a_touch_that_begins_in_the_last_frame_of_a_tick(
+    slices, recordings
+):
+    """Of readings that jump, by a threshold; a touch begins in each frame of a tick."""
+    train = recordings[np.arange(2)]
+    watcher = replace(learn_from(Threshold(), train), slices=slices)
+    starts = 10 * watcher.count + np.arange(watcher.count)
+    frames = [np.zeros((start + 60, 10, 10), np.uint16) for start in starts]
+    for start, each in zip(starts, frames, strict=True):
+        each[start:] = 1000
+    table = pd.DataFrame({"subject": "1", "gesture": [""] * len(frames)})
+    reports = watcher.report_touches(Corpus.from_captures(frames, table, 30.0))
+    assert len(reports) == len(starts)
+    assert (reports["reported"] - starts).min() == watcher.soonest
+
+
+@pytest.mark.parametrize("slices", [1, 3])
 def test_frames_one_by_one_give_the_reports_of_whole_recordings(slices, watcher, recordings):
     tested, watcher = recordings[[2]].corpus, replace(watcher, slices=slices)
     live = watcher.open_stream(tested.grid, tested.rate_hz, tested.full_scale)
@@ -262,6 +282,18 @@ def test_noise_that_training_did_not_have_costs_few_touches(recordings):
         found["found"].sum() >= 8
     )  # of 14; 0 with the classifier for a calm sensor, at 12 false alarms
     assert (reported["touch"] == FALSE_ALARM).sum() <= 3
+
+
+def test_a_filter_for_noise_changes_names_and_no_other_part_of_reports(recordings):
+    train, test = recordings[np.arange(2)], recordings[[2]].corpus
+    reports = []
+    for repair in (("dead",), ("dead", "noise")):
+        make = partial(Recipe, lda(TouchFeatures()), repair=repair)
+        reports.append(learn_from(Frames(), train, make).report_touches(test))
+    same = ["recording", "reported", "end"]
+    pd.testing.assert_frame_equal(*(one[same] for one in reports))
+    one, other = (table["confidence"] for table in reports)
+    assert len(one) >= 5 and (one != other).any()
 
 
 def test_a_sensor_is_disturbed_as_a_plain_loop_says():

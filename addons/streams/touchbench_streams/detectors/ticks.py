@@ -12,10 +12,11 @@ import pandas as pd
 
 from bench import contract
 from bench.corpora.corpus import Corpus
+from bench.corpora.windows import Step
 from bench.errors import InputError
 from bench.models.recipe import apply_steps, split_causal_steps
 from bench.models.sizes import count_parameters
-from bench.models.steps import STEP_MEMORY
+from bench.models.steps import STEP_MEMORY, Repair
 from touchbench_streams.detectors.base import UNKNOWN, DetectorC, Event
 from touchbench_streams.detectors.detector import (
     Detector,
@@ -80,11 +81,11 @@ def learn_watcher(
     Returns:
         The watcher, and the sweep of thresholds (`sweep_levels`).
     """
-    steps = split_causal_steps(system)[0]
-    corpus = apply_steps(recordings.corpus, steps)[0]
-    stepped = replace(recordings, corpus=corpus)
+    steps = steps_of_detector(system)
+    sensed = replace(recordings, corpus=apply_steps(recordings.corpus, steps)[0])
+    corpus = apply_steps(recordings.corpus, split_causal_steps(system)[0])[0]
     count = count_frames_per_tick(detector.tick, corpus.rate_hz)
-    ticks = average_into_ticks(stepped, count)
+    ticks = average_into_ticks(sensed, count)
     signals = [detector.signals_of(ticks.corpus[i]) for i in range(len(ticks))]
     others, evidence = detector.fit_held_out(signals, ticks, FOLDS)
     sweep = sweep_levels(others, recordings, evidence, count, detector.levels)
@@ -104,6 +105,17 @@ def learn_watcher(
         system, names, fitted, level, count, points=points, limits=limits, pace=pace
     )
     return watcher, sweep
+
+
+def steps_of_detector(system: contract.System) -> list[Step]:
+    """Causal steps before a detector, which measures the noise: all that are before its filter."""
+    before: list[Step] = []
+    for step in split_causal_steps(system)[0]:
+        if isinstance(step, Repair) and "noise" in step.kinds:
+            others = tuple(kind for kind in step.kinds if kind != "noise")
+            return [*before, *[Repair(others)][: len(others)]]
+        before.append(step)
+    return before
 
 
 @dataclass(eq=False)
@@ -156,8 +168,8 @@ class TickWatcher:
 
     @property
     def soonest(self) -> int:
-        """Fewest frames from the start of a touch to its report."""
-        return self.detector.soonest * self.count + self.delay
+        """Fewest frames from the start of a touch, in the last frame of a tick, to its report."""
+        return (self.detector.soonest - 1) * self.count + 1 + self.delay
 
     def open_stream(self, grid: tuple[int, int], rate_hz: float, full_scale: float) -> TickStream:
         """Start watching a stream frame by frame."""
@@ -234,14 +246,19 @@ class TickWatcher:
         return replace(self, system=system, names=change(self.names, captures, y))
 
     def apply_frame_steps(self, recordings: Corpus) -> Corpus:
-        """Recordings without their labels, after the steps that work frame by frame."""
+        """Recordings without their labels, after the steps before names."""
         captures = contract.blind_captures(self.system, recordings)
         return apply_steps(captures, split_causal_steps(self.system)[0])[0]
+
+    def apply_steps_of_detector(self, recordings: Corpus) -> Corpus:
+        """Recordings without their labels, after the steps before the detector."""
+        captures = contract.blind_captures(self.system, recordings)
+        return apply_steps(captures, steps_of_detector(self.system))[0]
 
     def collect_evidence(self, recordings: Corpus) -> list[np.ndarray]:
         """Evidence of each recording, tick by tick."""
         evidence = []
-        for frames in self.apply_frame_steps(recordings):
+        for frames in self.apply_steps_of_detector(recordings):
             signals = self.detector.signals_of(average_blocks(frames, self.count))
             evidence.append(self.detector.evidence(signals))
         return evidence
@@ -424,7 +441,8 @@ class TickStream:
         """News of the last tick; their times contain the delay."""
         delay = self.begun + self.watcher.delay
         recording = self.recent.as_recording(self.watcher.apply_frame_steps)
-        tick = average_blocks(recording[0][-self.watcher.count :], self.watcher.count)[0]
+        sensed = self.recent.as_recording(self.watcher.apply_steps_of_detector)
+        tick = average_blocks(sensed[0][-self.watcher.count :], self.watcher.count)[0]
         self.ring.append(self.signals.step(tick))
         evidence = self.watcher.detector.evidence(np.stack(self.ring))[-1:]
         self.is_refused = bool(self.watcher.detector.find_refused(evidence)[0])
