@@ -154,8 +154,9 @@ def cost_figure(points: pd.DataFrame, cost: Cost) -> Figure | None:
     figure, axes = new_figure((COLUMN, 2.4 + below), margins=(0.6, 0.15, 0.5 + below, 0.1))
     ax = axes[0, 0]
     if not cost.is_linear:
-        ax.set_xscale("log")
-        is_wide = known[cost.key].max() > 30 * known[cost.key].min()
+        low, high = known[cost.key].min(), known[cost.key].max()
+        ax.set(xscale="log", xlim=(low / 1.3, high * 1.3))  # all systems may cost the same
+        is_wide = high > 30 * low
         set_log_ticks(ax.xaxis, (1,) if is_wide else (1, 2, 5))
     for i, (name, row) in enumerate(zip(names, known.to_dict("records"), strict=True)):
         ends = error_bars(row["accuracy"], row["low"], row["high"])[:, None]

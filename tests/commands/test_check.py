@@ -129,9 +129,13 @@ def test_a_check_that_comes_to_no_verdict_leaves_no_green_file(capsys):
     Path("bad.json").write_text("<<<<<<< HEAD")
     assert main(["check", "baseline=bad.json", "junit=check.xml"]) == 2
     assert 'errors="1"' in (xml := report.read_text()) and "damaged" in xml
-    system.write_text(good.replace("random_state=0", "max_depth=-1"))
+    fails = "class Fails(Tree):\n    def fit(self, X, y):\n        raise ValueError('no')\n"
+    system.write_text(good.replace("def tree", f"{fails}def tree").replace("Tree(r", "Fails(r"))
     assert main(check) == 1
-    assert 'errors="1"' in (xml := report.read_text()) and "InvalidParameterError" in xml
+    assert 'errors="1"' in (xml := report.read_text()) and "ValueError" in xml
+    system.write_text(good.replace("random_state=0", "max_depth=-1"))
+    assert main(check) == 2  # every fold would refuse it
+    assert 'errors="1"' in (xml := report.read_text()) and "max_depth" in xml
     baseline.write_bytes(b"\xef\xbb\xbf" + baseline.read_bytes())  # as some editors write it
     system.write_text(good)
     assert main(check) == 0
