@@ -191,14 +191,25 @@ static int decide_on_tick(touch_watch_t *w, int slice, touch_event_t *event)
     return 0;
 }
 
+/* The last frame that was read, for a detector, which measures the noise: before its filter. */
+static const float *sensed_frame(const touch_t *t)
+{
+#if REPAIR_NOISE
+    return t->recent[t->newest];
+#else
+    return t->frame;
+#endif
+}
+
 static int watched(touch_watch_t *w, const float *frame, touch_event_t *event)
 {
     touch_t *t = &w->now;
     sign_t sign = {0, 0, 0, 0};
     read_frame(t, frame);
+    const float *seen = sensed_frame(t);
 #if TICK > 1
     for (int i = 0; i < TAXELS; i++)
-        w->tick[i] = w->within ? w->tick[i] + t->frame[i] : t->frame[i];
+        w->tick[i] = w->within ? w->tick[i] + seen[i] : seen[i];
     if (!w->within)
         forget(tick_part(w, 0));
 #endif
@@ -209,7 +220,7 @@ static int watched(touch_watch_t *w, const float *frame, touch_event_t *event)
             w->tick[i] /= TICK;
         sign = sensed(w, w->tick);
 #else
-        sign = sensed(w, t->frame);
+        sign = sensed(w, seen);
 #endif
         w->within = 0;
     }

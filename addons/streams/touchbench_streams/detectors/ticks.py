@@ -81,9 +81,11 @@ def learn_watcher(
     Returns:
         The watcher, and the sweep of thresholds (`sweep_levels`).
     """
-    steps = steps_of_detector(system)
+    steps, steps_of_names = steps_of_detector(system), split_causal_steps(system)[0]
     sensed = replace(recordings, corpus=apply_steps(recordings.corpus, steps)[0])
-    corpus = apply_steps(recordings.corpus, split_causal_steps(system)[0])[0]
+    corpus = sensed.corpus
+    if steps != steps_of_names:
+        corpus = apply_steps(recordings.corpus, steps_of_names)[0]
     count = count_frames_per_tick(detector.tick, corpus.rate_hz)
     ticks = average_into_ticks(sensed, count)
     signals = [detector.signals_of(ticks.corpus[i]) for i in range(len(ticks))]
