@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pandas as pd
@@ -100,7 +101,7 @@ def test_lost_frames_begin_another_recording_and_the_prompt_is_repeated(capsys):
     captures, stream = pd.read_csv("day1.csv"), pd.read_csv("day1-stream.csv")
     assert set(stream["recording"]) == {1, 2}
     assert captures[captures["frame"] == 1].shape[0] == 4
-    assert captures.groupby(["gesture", "repetition"]).size().min() >= 0.3 * RATE
+    assert captures.groupby(["gesture", "repetition"]).size().min() >= 0.2 * RATE
 
 
 def test_noise_on_the_line_half_lines_and_a_restart_are_survived():
@@ -173,6 +174,34 @@ def test_what_was_there_stays(tmp_path, capsys):
     assert record(player, repetitions=1, background=0) == 0
     assert record(Player(FRAMES, RATE), grid="1x4") == 2
     assert "day1.csv was begun with grid=2x2, now 1x4" in capsys.readouterr().err
+    (tmp_path / "day1.journal").write_text("notes\n")
+    before = Path("day1.csv").read_bytes()
+    assert record(Player(FRAMES, RATE)) == 2
+    assert "day1.journal is damaged" in capsys.readouterr().err
+    assert Path("day1.csv").read_bytes() == before
+
+
+def test_keys_may_be_corrected_until_a_capture_is_made(capsys):
+    assert record(Player(FRAMES, RATE), grid="3x3") == 2
+    assert "instead of 9" in capsys.readouterr().err
+    assert record(Player(FRAMES, RATE), repetitions=1, background=0) == 0
+    assert list(pd.read_csv("day1.csv"))[-4:] == list(pd.read_csv("day1-stream.csv"))[-4:] == CH
+
+
+@pytest.mark.parametrize("killed", ["os.truncate", "touchbench_recorder.files.Files._append"])
+def test_a_kill_while_a_capture_is_taken_back_loses_no_other(killed, tmp_path, monkeypatch):
+    settings, table = {"grid": "2x2", "columns": {}}, tmp_path / "day1.csv"
+    files = Files(table, settings, 4)
+    for repetition in (1, 2):
+        files.add_capture("anna", "tap", repetition, np.ones((3, 4)))
+    with monkeypatch.context() as kill, pytest.raises(KeyboardInterrupt):
+        kill.setattr(killed, Mock(side_effect=KeyboardInterrupt))
+        files.take_back()
+    files.close()
+    again = Files(table, settings, 4)
+    kept = [entry["repetition"] for entry in again.done]
+    assert kept in ([1], [1, 2]) and kept == sorted(set(pd.read_csv(table)["repetition"]))
+    again.close()
 
 
 @pytest.mark.parametrize(
@@ -185,6 +214,10 @@ def test_what_was_there_stays(tmp_path, capsys):
         (["gestures=tap,tap"], "give different names"),
         (["subject=a,b"], "give one person"),
         (["columns=label=1"], "label is a column of the file"),
+        (["columns=ch1=1"], "ch1 is a column of the file"),
+        (['subject="anna'], "give different names"),
+        (["subject=an\nna"], "give different names"),
+        (["gestures=tap,?"], "give different names"),
         (["seconds=9999"], "give a number of seconds"),
         (["grid=8"], "grid=8"),
     ],
@@ -195,6 +228,7 @@ def test_wrong_keys_are_one_line(typed, fact, capsys):
     assert main(["record", "day1.csv", *words]) == 2
     error = capsys.readouterr().err
     assert fact in error and error.count("\n") == 1, error
+    assert not Path("day1.csv").exists()
 
 
 @pytest.mark.parametrize(
@@ -204,6 +238,8 @@ def test_wrong_keys_are_one_line(typed, fact, capsys):
         (b"1,2,3\n" * 5, {}, "3 values instead of 4"),
         (b"1,2,3,4000\n" * 5, {}, "is not between 0 and the full scale"),
         (bytes(range(128, 250)) * 3, {}, "no text; check baud="),
+        (as_packet(1, range(600, 630)) * 5 + b"\n", {}, "no text; check baud="),
+        (b"1,2,3,4\n", {"format": "packets"}, "text; give format=lines"),
         (b"\1\2\3\0" * 5, {"format": "packets"}, "instead of 12"),
     ],
 )

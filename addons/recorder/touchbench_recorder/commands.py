@@ -38,7 +38,8 @@ RECORD = Command(
         Option("check", "yes", True, "no: skip the checks of the sensor"),
     ),
 )
-NAMED = re.compile(r"[^,\s=][^,=]*")  # a gesture, a person, a condition or its value
+NAMED = re.compile(r'(?!\?$)[^,\s="][^,="\x00-\x1f]*')  # of a gesture, person or condition
+OWN_COLUMN = re.compile("subject|gesture|frame|label|recording|repetition|ch[0-9]+")
 
 
 def record(arguments: list[str]) -> int:
@@ -99,7 +100,7 @@ def _parse_columns(text: str) -> dict[str, str]:
     """Conditions by name."""
     pairs = [pair.partition("=") for pair in text.split(",")] if text else []
     columns = {name.strip(): value.strip() for name, _, value in pairs}
-    taken = {"subject", "gesture", "frame", "label", "recording", "repetition"} & {*columns}
+    taken = {name for name in columns if OWN_COLUMN.fullmatch(name)}
     is_wrong = any(not NAMED.fullmatch(word) for pair in columns.items() for word in pair)
     if taken or is_wrong or len(columns) < len(pairs):
         advice = "give names and values, such as session=1,cover=fur"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import random
 import shlex
 import time
@@ -87,7 +88,7 @@ class Stage:
         self.screen, self.keys = screen, keys
         self.grid = parse_grid(evening.grid)
         self.recent: list[Frame] = []
-        self.lost, self.count, self.begin = 0, 0, time.monotonic() + BACKLOG_S
+        self.lost, self.count, self.begin = 0, 0, math.inf
         self.warnings: list[str] = []
         self.last_seen = time.monotonic()
 
@@ -127,6 +128,7 @@ class Stage:
         if frame.lost or frame.is_restart:  # what comes next does not continue the recording
             self.files.recording += 1
             self.lost += frame.lost
+        self.begin = min(self.begin, frame.seconds + BACKLOG_S)
         if frame.seconds > self.begin:
             self.count += 1 + frame.lost
         self.files.add_frame(self.evening.subject, label, frame.values)
@@ -260,7 +262,8 @@ def _record_capture(stage: Stage, gesture: str, repetition: int) -> None:
             values = [frame.values for frame in frames]
             stage.files.add_capture(evening.subject, gesture, repetition, values)
             return
-        reason = f"{lost} frames were lost" if is_whole and frames else "the sensor restarted"
+        reason = f"{lost} frames were lost" if is_whole else "the sensor restarted"
+        reason = reason if frames else "no frame arrived"
         stage.say(f"{reason}; {name} is repeated ({trial} of {MOST_TRIES})")
     raise InputError(f"{name}: frames were lost {MOST_TRIES} times; check the cable, then continue")
 

@@ -60,16 +60,15 @@ class Files:
             for path in (self.path, self.stream_path):
                 if path.exists():
                     raise InputError(f"{path} exists and was not recorded here; give another name")
-            self.path.write_text(self.heads[0])
-            self.stream_path.write_text(self.heads[1])
-            self._append(self.settings)
-            return []
+            return self._begin()
         try:
             lines = self.journal.read_bytes().split(b"\n")
             settings, *entries = [json.loads(line) for line in lines[:-1]]
-            size = entries[-1]["size"] if entries else len(self.heads[0])
+            if not entries and "grid" in settings:  # its keys may have been wrong
+                return self._begin()
+            size = entries[-1]["size"]
             is_whole = self.path.stat().st_size >= size
-        except (ValueError, KeyError, TypeError, OSError) as e:
+        except (LookupError, TypeError, ValueError, OSError) as e:
             raise InputError(f"{self.journal} is damaged; record into another file") from e
         for key, value in self.settings.items():
             if settings.get(key) != value:
@@ -87,6 +86,14 @@ class Files:
             else:  # the one before was taken back
                 done.pop()
         return done
+
+    def _begin(self) -> list[dict[str, Any]]:
+        """Write files without captures; the journal comes first, which says whose they are."""
+        self.journal.unlink(missing_ok=True)
+        self._append(self.settings)
+        self.path.write_text(self.heads[0])
+        self.stream_path.write_text(self.heads[1])
+        return []
 
     def _count_recordings(self) -> int:
         """The number of the next recording."""
@@ -128,8 +135,11 @@ class Files:
         """Remove the last capture."""
         last = self.done.pop()
         size = self.done[-1]["size"] if self.done else len(self.heads[0])
-        os.truncate(self.path, size)
-        self._append({"subject": "", "gesture": "", "repetition": 0, "size": size})
+        try:
+            self._append({"subject": "", "gesture": "", "repetition": 0, "size": size})
+            os.truncate(self.path, size)  # a kill before it leaves what the journal cuts off
+        except OSError as e:
+            raise self._unwritable(e) from e
         return last
 
     def add_frame(self, subject: str, label: str, values: np.ndarray) -> None:

@@ -19,6 +19,13 @@ FEW = 20  # frames that tell a counter from a time stamp
 LATE = 1.5  # periods between two time stamps that mean a lost frame
 WRAPS = (1 << 8, 1 << 16, 1 << 32)  # frames after which counters begin again
 END = b"\0"  # of a packet
+NO_TEXT = "what arrived is no text; check baud=, or give format=packets"
+
+
+def is_text(content: bytes) -> bool:
+    """Return True if most bytes are of text, as those of a wrong baud are not."""
+    readable = sum(32 <= byte < 127 or byte in b"\r\n\t" for byte in content)
+    return readable >= 0.7 * len(content)
 
 
 class Frame(NamedTuple):
@@ -64,7 +71,8 @@ class Lines:
                 bad_in_a_row += 1
                 self.bad += number > 1  # the first line may be a header, or half a line
                 if bad_in_a_row > MOST_BAD_LINES:
-                    raise InputError(f"{e}; {MOST_BAD_LINES} lines in a row are wrong") from e
+                    reason = str(e) if is_text(line[:60]) else f"line {number}: {NO_TEXT}"
+                    raise InputError(f"{reason}; {MOST_BAD_LINES} lines in a row are wrong") from e
                 continue
             bad_in_a_row = 0
             yield Frame(time.monotonic(), values, *self.gaps.before(stamp))
@@ -97,8 +105,8 @@ class Packets:
         while content := read(4096):
             *packets, rest = (rest + content).split(END)
             rest = rest[-2 * size :]  # a sensor that never ends a packet fills no memory
+            self.beginning = self.beginning or content[:60]
             for packet in packets:
-                self.beginning = self.beginning or packet[:60]
                 number += 1
                 whole = remove_cobs(packet)
                 if len(whole) != size or binascii.crc_hqx(whole[:-2], 0xFFFF) != int.from_bytes(
@@ -228,8 +236,10 @@ class Receiver:
         beginning = self.decoder.beginning
         if not beginning:
             return "nothing arrived; check the cable, and that the sensor sends"
-        readable = sum(32 <= byte < 127 or byte in b"\r\n\t" for byte in beginning)
-        if isinstance(self.decoder, Lines) and readable < 0.7 * len(beginning):
-            return "what arrived is no text; check baud=, or give format=packets"
+        if isinstance(self.decoder, Lines) and not is_text(beginning):
+            return NO_TEXT
+        if isinstance(self.decoder, Packets) and is_text(beginning):
+            return "what arrived is text; give format=lines"
         shown = one_line(beginning.decode("ascii", "replace"), 40)
-        return f"what arrived begins with {shown!r} ({one_line(self.decoder.why, 120)})"
+        why = self.decoder.why or "no packet ends"
+        return f"what arrived begins with {shown!r} ({one_line(why, 120)})"
