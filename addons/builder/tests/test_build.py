@@ -104,6 +104,10 @@ def test_recordings_become_c_that_compiles_passes_its_test_and_keeps_its_certifi
     of_two = certificate.render_page(facts | {"captures": expected | two})
     assert "needs a certificate with bounds" in of_two and "tests this page" not in of_two
     assert "of the next people or more" in of_two and of_two.endswith("`\n")
+    shares = {"same": 90.0, "other": 80.0, "cost": 10.0, "low": None, "high": None}
+    of_days = {"column": "day", "values": ["1", "2"], "people": 6, **shares}
+    days = certificate.render_page(facts | {"sessions": of_days})
+    assert "costs 10.0 points (too few" in days and "do not include this cost" in days
 
     result = run_in_robot("make", "-s", "test", "examples")
     assert result == (0, "3 of 3 captures as in Python\n")
