@@ -40,7 +40,7 @@ BUILD = Command(
             "seconds",
             "number",
             600,
-            "time; a system is left out if its comparison, faults and last fit need more",
+            "time; any system but the first is left out if comparison, faults and last fit need more",
         ),
         Option(
             "watch",
