@@ -31,6 +31,7 @@ from touchbench_builder.systems import (
     nothing_fits_message,
     systems_without_each,
 )
+from touchbench_chip.tables import check_exportable
 from touchbench_streams.detectors.ticks import TickWatcher
 
 
@@ -61,6 +62,20 @@ def test_each_person_gets_the_system_that_the_others_choose():
     # small alone would have 37 %, large 63 %
     assert expected["people"] == {"1": [1, 10], "2": [1, 10], "3": [1, 10]}
     assert expected["mean"] == 0.1 and expected["mean_low"] is None
+
+
+def test_each_candidate_has_c_and_one_that_can_watch_learns_noise():
+    candidates = systems.candidate_systems(random_corpus(3, 3, grid=(4, 4)))
+    can_watch = [
+        check_exportable(make_cells({"data": "synth", **values})[0].untrained_system)
+        for values, _ in candidates
+    ]
+    seconds = {systems.system_title(values): fit_seconds for values, fit_seconds in candidates}
+    assert len(seconds) == len(candidates)
+    (steady,) = (i for i, (values, _) in enumerate(candidates) if "model.faults" in values)
+    title = systems.system_title(candidates[steady][0])
+    assert can_watch[steady] and title == "lda on touch_profiles, windows of 1 s"
+    assert seconds[title] > seconds["lda on touch, windows of 1 s"]  # copies, and more features
 
 
 NOTHING_FITS = [  # flash, RAM, words; microbit2 has 512 KiB

@@ -19,6 +19,7 @@ from bench.commands import run as commands
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 from bench.features.touch import TouchFeatures
+from bench.features.touch_profiles import TouchProfiles
 from bench.grammar.options import (
     cost_limits,
     key_options,
@@ -73,6 +74,9 @@ REPAIR = "stuck+dead"
 SMALLEST_SYSTEM: dict[str, object] = {"model": "tree", "features": "jung28"}
 LARGEST_SYSTEM: dict[str, object] = {"model": "reflex", "model.bits": BITS}
 LARGEST_S = 60.0  # of a fit on one core
+STEADY_TRIAL = {  # loses least under noise for its cost: docs/faults.md
+    **{"model": "lda", "features": "touch_profiles", "window": 1.0, "faults": "noise"},
+}
 DEFAULT_FAULTS = (
     *("noise", "offset_drift", "gain_drift", "lower_rate", "dead_taxels", "stuck_taxels"),
 )  # if the scene names none
@@ -119,18 +123,22 @@ def candidate_systems(corpus: Corpus) -> list[tuple[dict[str, Any], float]]:
     """Systems that have C, as keys of ``bench run``, with the seconds of a fit on one core.
 
     They are the first trials of ``model=auto`` on windows of ``touch``, one for each model and
-    window, after the repair of broken taxels; the smallest system; and the most accurate model
-    with C. The cheapest is first.
+    window, and one that loses little under noise, after the repair of broken taxels; the smallest
+    system; and the most accurate model with C. The cheapest is first.
     """
-    width, classes = len(TouchFeatures().fit(corpus[:1]).names_), len(set(corpus.gestures))
+    feature_sets = {"touch": TouchFeatures(), "touch_profiles": TouchProfiles()}
+    widths = {name: len(each.fit(corpus[:1]).names_) for name, each in feature_sets.items()}
+    classes = len(set(corpus.gestures))
     systems = [(SMALLEST_SYSTEM, portfolio.MIN_FIT_S), (LARGEST_SYSTEM, LARGEST_S)]
-    for trial in _exportable_trials():
-        values = {"model": trial["model"], "features": "touch"}
+    for trial in [*_exportable_trials(), portfolio.with_defaults(STEADY_TRIAL)]:
+        values = {name: trial[name] for name in ("model", "features")}
         values |= {"model.window": trial["window"], "model.repair": REPAIR}
+        if trial["faults"]:
+            values["model.faults"] = trial["faults"]
         values |= {f"model.{key.partition('.')[2]}": trial[key] for key in trial if "." in key}
         if trial["model"] in ROUNDED_MODELS:
             values["model.bits"] = BITS
-        seconds = portfolio.expected_fit_seconds(trial, corpus, width, classes)
+        seconds = portfolio.expected_fit_seconds(trial, corpus, widths[trial["features"]], classes)
         systems.append((values, seconds))
     return sorted(systems, key=lambda pair: pair[1])
 
