@@ -40,7 +40,7 @@ BUILD = Command(
             "seconds",
             "number",
             600,
-            "time; any system but the first is left out if comparison, faults and last fit need more",
+            "time; no system but the first is run if its tests and last fit need more",
         ),
         Option(
             "watch",
