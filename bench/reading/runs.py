@@ -37,11 +37,29 @@ def _load_marked(store: Store, runs: Iterable[Any]) -> list[Result]:
     """Load runs as results, with marks on their captures."""
     results = [store.load_result(run) for run in runs]
     mark_captures(results)
+    _name_files_apart(results)
     named = sorted((r for r in results if r.get(NAME_TAG)), key=lambda r: r["started"])
     names = {r["system"]: r[NAME_TAG] for r in named}
     for r in results:  # later seeds of a named system have its name
         r.attributes |= {NAME_TAG: names[r["system"]]} if r.get("system") in names else {}
     return results
+
+
+def _name_files_apart(results: Iterable[Result]) -> None:
+    """Add its file to the name of an own system, if an earlier one of another file has that name.
+
+    Else tables would take them for seeds of one system.
+    """
+    owners: dict[str, tuple[str, ...]] = {}
+    for r in sorted(results, key=lambda r: r["started"]):
+        names = (str(r.get(f"{key}_name", "")) for key in PART_GROUPS)
+        files = tuple(name.rpartition(":")[0] for name in names if ".py:" in name)
+        if not files or (owner := owners.setdefault(r["system"], files)) == files:
+            continue
+        paths = [Path(file) for file in files if file not in owner]
+        taken = {Path(file).name for file in owner}
+        short = [p.name if p.name not in taken else f"{p.parent.name}/{p.name}" for p in paths]
+        r.attributes["system"] += f" ({', '.join(short)})"
 
 
 def load_results(

@@ -42,3 +42,17 @@ def test_a_short_name_stands_in_every_table_and_in_mlflow(store, quick, capsys):
         (["data=haart", "name=Both"], "these are 2 systems"),
     ):
         assert main(["runs", *words]) == 2 and fact in capsys.readouterr().err
+
+
+def test_files_with_a_class_of_one_name_are_two_systems(store, capsys):
+    """Also in the means over seeds of LaTeX; the older one keeps its name."""
+    for file, correct, seed in (("a/my", 15, 0), ("b/my", 9, 0), ("c", 3, 0), ("a/my", 17, 1)):
+        about = {"model_name": f"/x/{file}.py:Level", "seed": seed, **OURS}
+        tracked_run(store, "Level", predictions_with_hits([correct] * 6), **about)
+    systems = {"Level", "Level (b/my.py)", "Level (c.py)"}
+    assert {*bench.runs()["system"]} == systems
+    assert main(["report", "paper=accuracy"]) == 0
+    table = pd.read_csv("report/paper.csv").set_index("system")
+    assert {*table.index} == systems
+    assert main(["runs", "model=/x/c.py:Level", "name=Ours"]) == 0
+    assert {*bench.runs()["system"]} == {"Level", "Level (b/my.py)", "Ours"}
