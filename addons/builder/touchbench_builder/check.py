@@ -21,7 +21,7 @@ from bench.values import few
 from bench.values.result import format_count
 from touchbench_builder.bounds import ALPHA, compare_with_certificate
 from touchbench_builder.captures import data_arguments, load_corpus
-from touchbench_builder.certificate import CERTIFICATE_VERSION
+from touchbench_builder.certificate import CERTIFICATE_VERSION, format_number
 from touchbench_builder.folder import CERTIFICATE, label_with_c, watch_with_c
 from touchbench_builder.rates import compare_rates
 from touchbench_builder.stream import people_of_reports, recordings_of_people
@@ -122,8 +122,9 @@ def _stream_promises(
         rate, hours = counted[0].sum() / counted[1].sum(), counted[1].sum()
         promises.append(
             Promise(
-                f"{rate:.3g} false alarms an hour in {60 * hours:.0f} minutes without touch; the "
-                f"certificate expects {stream['alarms']['mean']:.3g} (p = {p:.3g})",
+                f"{format_number(rate)} false alarms an hour in {60 * hours:.0f} minutes without "
+                f"touch; the certificate expects {format_number(stream['alarms']['mean'])} "
+                f"(p = {p:.3g})",
                 p,
                 LEVELS["alarms"],
             )
