@@ -72,6 +72,8 @@ def load_part(group: str, name: str) -> Any:
     file, _, attribute = name.rpartition(":")
     if file.endswith(".py"):
         return _load_from_file(f"{key}={name}", Path(file), attribute)
+    if name.endswith(".py"):
+        raise InputError(f"{key}={name}: give what it defines, too, as {key}={name}:Name")
     registered = registered_parts(group)
     if name not in registered:
         raise InputError(f"{key}={name}: unknown; {suggest_names(name, registered)}")

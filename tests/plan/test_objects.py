@@ -106,3 +106,9 @@ def test_an_object_that_cannot_be_used_is_one_line(values, facts):
     Path("bad.py").write_text("def boom():\n    raise ValueError('no weights file')\n")
     with pytest.raises(InputError, match=facts):
         make_cells(values)
+
+
+@pytest.mark.parametrize("key", ["model", "features", "protocol"])
+def test_a_file_without_a_name_is_one_clear_line(key):
+    with pytest.raises(InputError, match=f"^{key}=my.py: give what it .* {key}=my.py:Name"):
+        make_cells({key: "my.py"})
