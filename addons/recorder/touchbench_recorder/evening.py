@@ -17,16 +17,17 @@ from bench.corpora.read.table import parse_grid, read
 from bench.corpora.survey import Survey
 from bench.errors import InputError
 from bench.ground.progress import console, warn
+from bench.values.result import format_count
 from touchbench_recorder.checks import check_corner, check_rest, check_strokes, measure_rate
 from touchbench_recorder.files import Files
 from touchbench_recorder.screen import Keys, Screen, draw_screen
+from touchbench_streams import sensor_frames
 from touchbench_streams.recordings import DOUBT
 from touchbench_streams.sensor import open_sensor
 from touchbench_streams.sensor_frames import Frame, Receiver, make_decoder
 from touchbench_streams.show import draw_map
 
 NO_TOUCH = "notouch"  # a gesture whose prompt is to keep off
-SILENCE_S = 3.0  # without a frame
 BACKLOG_S = 1.0  # in which frames arrive that waited for the command
 RECENT_S = 2.0  # of frames whose rate is shown
 LOOK_S = 0.04  # between two looks at what has arrived
@@ -124,6 +125,16 @@ class Stage:
         self.files.flush()
         return frames
 
+    def wait_for_frames(self) -> list[Frame]:
+        """Write and return the next frames."""
+        while not (arrived := self.receiver.take()):
+            self._check_silence(arrived)
+            time.sleep(LOOK_S)
+        for frame in arrived:
+            self._write(frame, DOUBT)
+        self._check_silence(arrived)
+        return arrived
+
     def _write(self, frame: Frame, label: str) -> None:
         if frame.lost or frame.is_restart:  # what comes next does not continue the recording
             self.files.recording += 1
@@ -144,9 +155,9 @@ class Stage:
         self.recent = [f for f in [*self.recent, *arrived] if f.seconds > now - RECENT_S]
         if arrived:
             self.last_seen = now
-        elif now - self.last_seen > SILENCE_S:
+        elif now - self.last_seen > sensor_frames.SILENCE_S:
             reason = self.receiver.describe_silence()
-            raise InputError(f"no frame for {SILENCE_S:g} s: {reason}")
+            raise InputError(f"no frame for {sensor_frames.SILENCE_S:g} s: {reason}")
 
     def _show(self, prompt: str, left: float, seconds: float, is_go: bool) -> None:
         if not self.screen.console.is_terminal or not self.recent:
@@ -256,7 +267,8 @@ def _record_capture(stage: Stage, gesture: str, repetition: int) -> None:
     for trial in range(1, MOST_TRIES + 1):
         stage.collect(evening.rest, f"get ready: {name}", DOUBT)
         frames = stage.collect(evening.seconds, f"go: {name}", label, is_go=True)
-        lost = sum(frame.lost for frame in frames)
+        after = stage.wait_for_frames()  # they tell whether the end of the capture was lost
+        lost = sum(frame.lost for frame in [*frames, after[0]])
         is_whole = not any(frame.is_restart for frame in frames[1:])
         if frames and is_whole and lost <= MOST_LOST * len(frames):
             values = [frame.values for frame in frames]
@@ -272,7 +284,11 @@ def _print_end(evening: Evening, files: Files, rate_hz: float) -> None:
     """Print the captures by gesture, what looks wrong with them, and the next commands."""
     counts = Counter(entry["gesture"] for entry in files.done)
     people = {entry["subject"] for entry in files.done}
-    print_lines(f"{files.path}: {len(files.done)} captures of {len(people)} people")
+    captures, persons = (
+        format_count(len(files.done), "capture"),
+        format_count(len(people), "subject"),
+    )
+    print_lines(f"{files.path}: {captures} of {persons}")
     for gesture, count in sorted(counts.items()):
         print_lines(f"  {gesture}: {count}")
     if not files.done:

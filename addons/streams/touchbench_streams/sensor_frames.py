@@ -16,6 +16,7 @@ from bench.errors import InputError, one_line
 from touchbench_streams.lines import MOST_BAD_LINES, parse_frame, read_lines
 
 FEW = 20  # frames that tell a counter from a time stamp
+SILENCE_S = 3.0  # without a frame
 LATE = 1.5  # periods between two time stamps that mean a lost frame
 WRAPS = (1 << 8, 1 << 16, 1 << 32)  # frames after which counters begin again
 END = b"\0"  # of a packet
@@ -143,20 +144,6 @@ def make_decoder(name: str, channels: int, full_scale: float) -> Lines | Packets
     return {"lines": Lines, "packets": Packets}[name](channels, full_scale)
 
 
-class PlainLines:
-    """Lines of a sensor without counters or framing, as a file that can be read by lines."""
-
-    def __init__(self, decoder: Lines | Packets, stream: BinaryIO) -> None:
-        self.frames = decoder.decode(stream)
-
-    def readline(self, most: int = -1) -> bytes:
-        """The next frame as a line, b"" at the end; all are shorter than ``most``."""
-        frame = next(self.frames, None)
-        if frame is None:
-            return b""
-        return ",".join(f"{value:.9g}" for value in frame.values.tolist()).encode() + b"\n"
-
-
 class Gaps:
     """Counts frames that are missing, by a counter or by time stamps in any unit."""
 
@@ -221,14 +208,18 @@ class Receiver:
         Raises:
             InputError: what arrives cannot be read, or nothing will arrive any more.
         """
-        is_ended = self.is_ended
-        frames = []
-        while not self._arrived.empty():
-            frames.append(self._arrived.get())
+        is_ended, frames = self.is_ended, self.drain()
         if not frames and self.error:
             raise self.error
         if not frames and is_ended:
             raise InputError("the sensor has gone; plug it in and repeat the command: it continues")
+        return frames
+
+    def drain(self) -> list[Frame]:
+        """Take the frames that have arrived, if any."""
+        frames = []
+        while not self._arrived.empty():
+            frames.append(self._arrived.get())
         return frames
 
     def describe_silence(self) -> str:
@@ -243,3 +234,37 @@ class Receiver:
         shown = one_line(beginning.decode("ascii", "replace"), 40)
         why = self.decoder.why or "no packet ends"
         return f"what arrived begins with {shown!r} ({one_line(why, 120)})"
+
+
+class PlainLines:
+    """Lines of a sensor without counters or framing, as a file that can be read by lines."""
+
+    def __init__(self, decoder: Lines | Packets, stream: BinaryIO) -> None:
+        self.receiver = Receiver(decoder, stream)
+        self.waiting: deque[Frame] = deque()
+        self.has_begun = False
+
+    def readline(self, most: int = -1) -> bytes:
+        """The next frame as a line, b"" at the end; all are shorter than ``most``.
+
+        Raises:
+            InputError: the sensor sends nothing, or nothing readable.
+        """
+        begin = time.monotonic()
+        while not self.waiting:
+            is_ended = self.receiver.is_ended
+            self.waiting.extend(self.receiver.drain())
+            if self.waiting:
+                break
+            if self.receiver.error:
+                raise self.receiver.error
+            if is_ended and self.has_begun:
+                return b""
+            if is_ended or time.monotonic() - begin > SILENCE_S:
+                raise InputError(
+                    f"no frame for {SILENCE_S:g} s: {self.receiver.describe_silence()}"
+                )
+            time.sleep(0.005)
+        self.has_begun = True
+        values = self.waiting.popleft().values
+        return ",".join(f"{value:.9g}" for value in values.tolist()).encode() + b"\n"
