@@ -15,6 +15,7 @@ from bench.errors import InputError
 from bench.ground.machine import BUSY_SLOWDOWN
 from bench.ground.progress import console
 from bench.ground.registry import registered_parts
+from bench.ground.typed import quote_value
 from bench.reading.frame import group_results, name_rows
 from bench.running.bar import fold_title
 from bench.values.few import FEWEST_FOR_INTERVAL, too_few_sentence
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from bench.reports.views.base import View
 
 COMMAND = re.compile(r"\bbench ([a-z]+)")  # in a line to type
+NEARLY_PERFECT = 0.99  # accuracy; no system of a person left out comes near it
 MOST_NAMES = 3  # of folds or systems in a line
 WIDTH = 100  # columns of a file or a log, which has no width of its own
 CONTEXT_COLUMNS = (  # columns of tables of runs
@@ -103,9 +105,24 @@ def print_results_and_failures(
             f"during {_first_names([*slower])}; times are converted to those of the quiet machine"
         )
         out.print(line, markup=False, highlight=False)
+    print_lines(*dict.fromkeys(doubt for r in results if (doubt := doubt_perfection(r))))
     footnotes = [note for r in results for note in footnotes_of_system(r.system, str(r["data"]))]
     print_lines(*dict.fromkeys(footnotes))
     return print_failures(results)
+
+
+def doubt_perfection(result: Result) -> str:
+    """Say how to verify a system of the user's own that is nearly always right; "" for others."""
+    names = {key: str(result.get(f"{key}_name", "")) for key in ("model", "features")}
+    words = {key: name for key, name in names.items() if ".py:" in name}
+    if not words or not result.has_scores or result["accuracy"] < NEARLY_PERFECT:
+        return ""
+    if result["synthetic"] != "true":
+        words["data"] = str(result["data"])
+    typed = " ".join(f"{key}={quote_value(value)}" for key, value in words.items())
+    share = f"{100 * result['accuracy']:.1f} %"
+    question = "to see whether it knows captures that it was not given"
+    return f"{result.system}: {share}; {question}: bench audit {typed}"
 
 
 def print_failures(results: Sequence[Result]) -> int:

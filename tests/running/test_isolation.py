@@ -201,3 +201,29 @@ def test_exchanged_labels_tell_nothing_of_the_true_ones():
 def test_data_of_an_audit_is_an_imported_corpus(capsys):
     assert main(["audit", "model=bayes", "data=synth"]) == 2
     assert "data=synth: give one imported corpus" in capsys.readouterr().err
+
+
+def test_a_system_that_is_nearly_always_right_is_doubted(capsys):
+    """It has a copy of all labels."""
+    corpus = import_corpus(random_corpus())
+    labels = dict(zip(map(lambda c: c.tobytes(), corpus), corpus.gestures, strict=True))
+    Path("labels.py").write_text(f"LABELS = {labels!r}\n")
+    Path("knows.py").write_text(
+        "import numpy as np\n"
+        "from labels import LABELS\n"
+        "from tests.running.fakes import Level\n"
+        "class Knows(Level):\n"
+        "    def predict(self, X):\n"
+        "        return [LABELS[capture.tobytes()] for capture in X]\n"
+        "    def predict_proba(self, X):\n"
+        "        return np.equal.outer(self.predict(X), self.classes_).astype(float)\n"
+    )
+    typed = ["run", "data=skin", "protocol=loso", "jobs=1"]
+    assert main([*typed, "model=knows.py:Knows"]) == 0
+    out = capsys.readouterr().out
+    assert "Knows: 100.0 %; to see whether it knows captures" in out
+    assert "bench audit model=" in out and "knows.py:Knows data=skin" in out
+    dull = "class Dull(Level):\n    def measure_level(self, frames):\n        return 0.0\n"
+    Path("dull.py").write_text(f"from tests.running.fakes import Level\n{dull}")
+    assert main([*typed, "model=dull.py:Dull"]) == 0
+    assert "bench audit" not in capsys.readouterr().out
