@@ -134,7 +134,8 @@ class TestPage:
         statistics = pd.read_csv(folder / "statistics.csv").query("group.str.contains('LOSO')")
         first, clicked, typed = (seen["live"][name] for name in ("first", "clicked", "by keyboard"))
         assert first["sorted"] == {} and first["address"] == ""
-        assert first["names"] == [name for name in statistics["system"] if name in NAMES]
+        systems = dict.fromkeys(statistics["system"])  # a later group has one of them again
+        assert first["names"] == [name for name in systems if name in NAMES]
         assert clicked["names"] == [*NAMES]  # cost 4 ** i
         assert clicked["sorted"] == {"flash kB": "ascending"}
         assert typed["names"] == [*NAMES[::-1]] and typed["sorted"] == {"flash kB": "descending"}
