@@ -19,7 +19,7 @@ class Source:
         file: name of the file, as it is published.
         address: where to download it.
         contents: captures, people, sensor.
-        size: of the download.
+        size: of the files, in words.
         licence: what its authors state.
         paper: what to cite.
         page: where a person finds the file.
@@ -44,7 +44,7 @@ COST = Source(
     "CoST.csv",
     "https://data.4tu.nl/v2/articles/12696869/files",
     "7805 captures of 14 gestures by 31 people, 8x8 on a mannequin's forearm, 135 Hz",
-    "some 100 MB",
+    "about 1.5 million lines of CSV",
     "CC BY-NC-SA 4.0",
     "Jung et al., Automatic recognition of touch gestures in the corpus of social touch, JMUI 2017",
     "https://doi.org/10.4121/uuid:5ef62345-3b3e-479c-8e1d-c922748c9b29",
@@ -55,7 +55,7 @@ CUDDLEBOT = Source(
     "ICMI15.zip",
     f"{REPOSITORY}/archive/{COMMIT}.zip",
     "902 captures of 7 gestures by 16 people, 10x10 on a furry robot, 54 Hz",
-    "some 100 MB",
+    "232 MB of CSV and other files, packed",
     "none stated by its authors",
     "Cang et al., Different strokes and different folks, ICMI 2015",
     REPOSITORY,
@@ -65,7 +65,7 @@ HAART = Source(
     "HAART DataSet.zip",
     "https://www.cs.ubc.ca/labs/spin/data/HAART%20DataSet.zip",
     "829 captures of 7 gestures by 10 people, 8x8 with four covers on three substrates, 54 Hz",
-    "about 12 MB",
+    "58 MB of CSV, packed",
     "none stated by its authors",
     "Jung et al., Touch challenge '15, ICMI 2015; Cang et al., ICMI 2015",
     "https://www.cs.ubc.ca/labs/spin/data",

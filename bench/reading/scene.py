@@ -38,8 +38,9 @@ class Board:
         clock_mhz: clock in MHz.
         fpu: True if it has a floating-point unit.
         source: the maker's page.
-        core_flash_kb: flash of the bootloader, and of the core that each program of it has.
-        core_ram_kb: RAM of this core.
+        core_flash_kb: rough flash of the bootloader and the core that each program of it has; 0
+            if it is not known.
+        core_ram_kb: the same of RAM.
         tables_in_ram: True if constants of C take RAM, too.
         share: share of the other flash and RAM that touch may use.
     """

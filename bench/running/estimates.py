@@ -16,7 +16,7 @@ from bench.ground.registry import parameter_defaults
 from bench.ground.timing import WARM_UP, measure_ms, run_reference_workload, update_quiet_ms
 from bench.plan.plan import Plan
 
-FOLD_WORK = 300  # of a fold besides its fit: predictions, checks and timing, as of `lda` on HAART
+FOLD_WORK = 300  # of a fold besides its fit: predictions, checks and timing; a guess
 LOOPS = ("epochs", "trees", "runs")  # parameters to which the work of a fit is proportional
 
 

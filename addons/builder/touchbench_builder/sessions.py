@@ -10,6 +10,7 @@ import pandas as pd
 from bench.corpora.corpus import Corpus
 from bench.corpora.sensor import find_session_column
 from bench.errors import InputError
+from bench.ground.progress import warn
 from bench.values.intervals import mean_interval
 from bench.values.measures import value_or_none
 from bench.values.scores import label_captures
@@ -45,7 +46,8 @@ def measure_session_cost(
             where = f"({on['where']}) and {where}" if on.get("where") else where
             within = keys | {"protocol": "loso", "where": where}
             parts.append(_count_right(run_plan(*make_plan(within, command))))
-    except InputError:  # a session lacks people or gestures
+    except InputError as e:  # such as a session that lacks people or gestures
+        warn(f"warning: the cost of another session is not known: {e}")
         return None
     same = pd.concat(parts).groupby(level=0).sum()
     shares = pd.DataFrame({"same": same["right"] / same["total"]})

@@ -77,7 +77,7 @@ def learn_pace(
         for touch in found[::step]:
             copies += _change_pace(recordings[i], touch)
             owners.append(i)
-    rows = np.concatenate([features[i] for i in range(len(touches))])
+    rows = np.concatenate(features)
     owner = np.repeat(np.arange(len(touches)), [len(found) for found in touches])
     if len(rows) + len(copies) < FEWEST:
         return NO_PACE, [np.zeros(len(found)) for found in touches]

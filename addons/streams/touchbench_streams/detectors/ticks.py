@@ -442,8 +442,10 @@ class TickStream:
     def _decide_on_tick(self) -> list[Event]:
         """News of the last tick; their times contain the delay."""
         delay = self.begun + self.watcher.delay
-        recording = self.recent.as_recording(self.watcher.apply_frame_steps)
-        sensed = self.recent.as_recording(self.watcher.apply_steps_of_detector)
+        system = self.watcher.system
+        recording = sensed = self.recent.as_recording(self.watcher.apply_frame_steps)
+        if steps_of_detector(system) != split_causal_steps(system)[0]:
+            sensed = self.recent.as_recording(self.watcher.apply_steps_of_detector)
         tick = average_blocks(sensed[0][-self.watcher.count :], self.watcher.count)[0]
         self.ring.append(self.signals.step(tick))
         evidence = self.watcher.detector.evidence(np.stack(self.ring))[-1:]
