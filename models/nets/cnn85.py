@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import torch
 from torch import nn
@@ -9,7 +11,7 @@ from torch import nn
 from bench.corpora.corpus import Corpus
 from bench.errors import check_value
 from bench.models.nets.taxel_major import run_taxel_major
-from bench.models.nets.training import LearnRows, Optimiser, Samples, Windows
+from bench.models.nets.training import Optimiser, Samples, Step, Steps, Windows
 from bench.models.nets.window import FrameNet
 
 RATES = {
@@ -152,8 +154,8 @@ class SelectiveSGD(Optimiser):
         torch._foreach_copy_(self.momentum, momentum)
         self.steps = steps
 
-    def before_epoch(self, epoch: int, batches: np.ndarray, step: LearnRows) -> None:
-        """Every ten epochs, keep the rate with the lowest loss after up to 30 batches.
+    def before_epoch(self, epoch: int, steps: Sequence[Step]) -> Steps:
+        """Every ten epochs, keep the rate with the lowest loss after up to 30 steps.
 
         Each rate starts from the current weights; its weights are discarded. Rates above the first
         one kept are not tried again.
@@ -162,16 +164,15 @@ class SelectiveSGD(Optimiser):
             return
         weights = [p.detach().clone() for p in self.parameters]
         momentum = [m.clone() for m in self.momentum]
-        steps = self.steps
+        count = self.steps
         losses = []
         for rate in self.rates:
             self.rate = rate
-            for rows in batches[:SEARCH_BATCHES]:
-                loss = step(rows)
-                if not np.isfinite(loss):  # it stays so
-                    break
-            losses.append(loss if np.isfinite(loss) else np.inf)
-            self._restore(weights, momentum, steps)
-        self.rate = self.rates[int(np.argmin(losses))]
+            for step in steps[:SEARCH_BATCHES]:
+                loss = yield step
+            losses.append(loss)  # once it is not finite, it stays so
+            self._restore(weights, momentum, count)
+        values = torch.stack(losses).nan_to_num(torch.inf).tolist()
+        self.rate = self.rates[int(np.argmin(values))]
         if epoch == 0:
             self.rates = tuple(r for r in self.rates if r <= self.rate)

@@ -18,7 +18,15 @@ from torch import nn
 from bench.corpora.corpus import Corpus
 from bench.errors import check_value
 from bench.models.nets.time_blocks import TimeConv3d, convolve_and_pool
-from bench.models.nets.training import Forward, Optimiser, Samples, Sequences, Windows, to_device
+from bench.models.nets.training import (
+    Forward,
+    Optimiser,
+    Samples,
+    Sequences,
+    Steps,
+    Windows,
+    upload,
+)
 from bench.models.nets.window import WindowNet
 from bench.models.quantised import BITS, round_weights
 
@@ -54,10 +62,10 @@ class Hughes2017(WindowNet):
 
     patience = 10
 
-    def fit(self, X: Corpus, y: np.ndarray) -> WindowNet:
+    def train_in_steps(self, X: Corpus, y: np.ndarray) -> Steps:
         """Train on captures and their class names."""
         self.design_ = min(COST, HAART, key=lambda design: abs(np.log(design.rate_hz / X.rate_hz)))
-        return super().fit(X, y)
+        yield from super().train_in_steps(X, y)
 
     def samples(self, corpus: Corpus) -> Samples:
         """Windows of captures: 45 frames every 15 with CoST's network, 27 every 9 with HAART's."""
@@ -95,12 +103,11 @@ class Hughes2017CNN(Hughes2017):
         super().check()
         check_value("model.bits", self.bits, self.bits in BITS, "32 or 8")
 
-    def fit(self, X: Corpus, y: np.ndarray) -> WindowNet:
+    def train_in_steps(self, X: Corpus, y: np.ndarray) -> Steps:
         """Train on captures and their class names."""
-        super().fit(X, y)
+        yield from super().train_in_steps(X, y)
         if self.bits != 32:
             self.bytes_saved_ = 3 * round_network(self.net_, self.bits)
-        return self
 
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
         """11 204 parameters for CoST, 17 157 for HAART."""
@@ -188,7 +195,7 @@ class Hughes2017AERNN(Hughes2017):
         for _ in range(self.pretraining):
             summed = 0.0
             for rows in np.array_split(generator.permutation(len(samples)), batches):
-                frames = to_device(samples.make_batch(rows), torch.device(self.device))[0]
+                frames = samples.make_batch(rows)[0]
                 rmsprop.zero_grad()
                 loss = nn.functional.mse_loss(autoencoder(frames), frames.flatten(1))
                 loss.backward()
@@ -217,15 +224,16 @@ class Recurrent(nn.Module):
         self, batch: tuple[torch.Tensor, torch.Tensor], encode: Forward | None = None
     ) -> torch.Tensor:
         """Logits at each window; ``encode`` is a faster way to compute ``encoder(x)``."""
-        windows, lengths = batch
+        windows, lengths = batch[0], batch[1].cpu()
         inputs = self.input_layer((encode or self.encoder)(windows))
         # With the longest sequences first, those that have a window at a step are the first ones.
         order = torch.argsort(lengths, descending=True, stable=True)
         first = (lengths.cumsum(0) - lengths)[order]
-        step = torch.arange(int(lengths.max()), device=lengths.device)[:, None]
+        step = torch.arange(int(lengths.max()))[:, None]
         running = lengths[order][None] > step
         index = (first + step)[running]
         counts = running.sum(1).tolist()
+        index = upload(index, inputs.device)
         states = _TanhStates.apply(inputs[index], self.recurrent_layer.weight, counts)
         return self.head(torch.empty_like(states).index_copy(0, index, states))
 

@@ -26,8 +26,8 @@ class TimeConv3d(nn.Conv3d):
         super().__init__(1, filters, kernel)
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """Convolve windows [batch, frames, rows, cols]."""
-        return self.filter_frames(x).permute(2, 4, 3, 0, 1) + self.bias[:, None, None, None]
+        """Convolve windows [batch, frames, rows, cols], by the library."""
+        return super().forward(x[:, None])
 
     def filter_frames(self, x: torch.Tensor) -> torch.Tensor:
         """Filtered windows without the bias, [rows, cols, batch, frames, filters]."""

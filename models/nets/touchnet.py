@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 import torch
 from torch import nn
@@ -10,7 +12,7 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.windows import Windows
 from bench.errors import InputError, check_value
 from bench.features.touch import SIGNALS, STEP_SIGNALS, frame_signals
-from bench.models.nets.training import Optimiser
+from bench.models.nets.training import Dropout, Optimiser, upload
 from bench.models.nets.window import WindowNet
 
 CLIP_SDS = 3.0  # at which signals are clipped
@@ -54,6 +56,12 @@ class SignalWindows:
         """A batch of one full window."""
         return self._cut_windows(self._begin[:1], torch.tensor([self._frames]))
 
+    def place(self, device: torch.device) -> SignalWindows:
+        """The same windows, whose signals lie on a device."""
+        placed = copy(self)
+        placed.values = self.values.to(device)
+        return placed
+
     def make_batch(self, rows: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:
         """Signals float32 [rows, frames, signals], arbitrary after an end, and frames of each."""
         start, seen = torch.from_numpy(self.start[rows]), torch.from_numpy(self.seen[rows])
@@ -68,8 +76,9 @@ class SignalWindows:
     def _cut_windows(
         self, first: torch.Tensor, seen: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        index = first[:, None] + torch.arange(int(seen.max()))
-        return self.values[index.clamp(max=len(self.values) - 1)], seen
+        index = (first[:, None] + torch.arange(int(seen.max()))).clamp(max=len(self.values) - 1)
+        device = self.values.device
+        return self.values[upload(index, device)], upload(seen, device)
 
 
 def _capture_signals(frames: np.ndarray, full_scale: float) -> np.ndarray:
@@ -81,7 +90,8 @@ def _capture_signals(frames: np.ndarray, full_scale: float) -> np.ndarray:
 
 def _mount_randomly(values: torch.Tensor) -> torch.Tensor:
     """Signals [windows, frames, signals] of each window as on a skin in a random mounting."""
-    flip_rows, flip_cols, swap = torch.rand(3, len(values), 1) < 0.5
+    draws = torch.rand(3, len(values), 1) < 0.5
+    flip_rows, flip_cols, swap = upload(draws, values.device)
     row = torch.where(flip_rows, 1 - values[..., ROW], values[..., ROW])
     flow_row = torch.where(flip_rows, -values[..., FLOW_ROW], values[..., FLOW_ROW])
     col = torch.where(flip_cols, 1 - values[..., COL], values[..., COL])
@@ -178,7 +188,7 @@ class _SignalNet(nn.Module):
     def __init__(self, layers: list[nn.Module], last: nn.Linear) -> None:
         super().__init__()
         self.layers = nn.ModuleList(layers)
-        self.dropout = nn.Dropout(DROPOUT)
+        self.dropout = Dropout(DROPOUT)
         self.last = last
         self.register_buffer("mean", torch.zeros(len(SIGNALS)))
         self.register_buffer("scale", torch.ones(len(SIGNALS)))

@@ -1,14 +1,19 @@
-"""The one training loop that the networks share.
+"""The one training loop that the networks share, one at a time or several at once.
 
-Windows are cut from the corpus batch by batch, by one gather of frames in the memory layout of
-`taxel_major` and `time_blocks`. These two are faster than a plain loop over a DataLoader; the rest
-of the loop is as fast (benchmarks/bench_training.py).
+On a processor, windows are cut from the corpus batch by batch, by one gather of frames in the
+memory layout of `taxel_major` and `time_blocks`. These two are faster than a plain loop over a
+DataLoader; the rest of the loop is as fast (benchmarks/bench_training.py). On a card, the frames
+lie on the device, batches are gathered there, and nothing waits for it before the end of an epoch.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import weakref
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import contextmanager
+from copy import copy
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -50,6 +55,7 @@ class Windows:
         self.grid = corpus.grid
         stored, starts = shared_frames(corpus)
         self._begin = starts[self.capture] + self.start
+        self._stored = stored
         self._values = stored.reshape(len(stored), -1)
         self._scale = 1 / corpus.full_scale
 
@@ -62,13 +68,62 @@ class Windows:
 
     def make_batch(self, rows: np.ndarray) -> torch.Tensor:
         """Windows scaled to 0..1, float32 [rows, frames, grid rows, grid cols]."""
-        seen = self.seen[rows]
-        index = self._begin[rows, None] + np.minimum(np.arange(self.frames), seen[:, None] - 1)
+        index, is_padding = self._find_frames(rows)
         values = self._values[index].astype(np.float32)  # [rows, frames, taxels]
-        if self.padding == "zero":
-            values[np.arange(self.frames) >= seen[:, None]] = 0
+        values[is_padding] = 0
         by_taxel = torch.from_numpy(values).flatten(0, 1).T.contiguous().mul_(self._scale)
         return by_taxel.view(*self.grid, len(rows), self.frames).permute(2, 3, 0, 1)
+
+    def _find_frames(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Stored frames of windows, and True where zeros replace them [rows, frames]."""
+        seen, place = self.seen[rows, None], np.arange(self.frames)
+        index = self._begin[rows, None] + np.minimum(place, seen - 1)
+        return index, (place >= seen) & (self.padding == "zero")
+
+    def place(self, device: torch.device) -> PlacedWindows:
+        """The same windows, gathered on a device."""
+        return PlacedWindows(self, device)
+
+
+class PlacedWindows(Windows):
+    """Windows that are gathered on a device, in the memory layout of the library's layers."""
+
+    def __init__(self, windows: Windows, device: torch.device) -> None:
+        vars(self).update(vars(windows))
+        self._device = device
+        self._on_device = frames_on_device(self._stored, self._scale, device)
+        index, is_padding = self._find_frames(np.arange(len(self)))
+        index[is_padding] = len(self._on_device) - 1
+        self._index = torch.from_numpy(index).to(device)
+
+    def make_batch(self, rows: np.ndarray) -> torch.Tensor:
+        """Windows scaled to 0..1, float32 [rows, frames, grid rows, grid cols]."""
+        index = self._index[upload(torch.from_numpy(rows), self._device)]
+        return self._on_device[index].unflatten(2, self.grid)
+
+
+_frames_on_devices: dict[tuple[int, torch.device], torch.Tensor] = {}
+
+
+def frames_on_device(stored: np.ndarray, scale: float, device: torch.device) -> torch.Tensor:
+    """Copy stored frames to a device, once as long as they exist: float32 [frames + 1, taxels].
+
+    They are scaled to 0..1; the last one is zero.
+    """
+    key = id(stored), device
+    if key not in _frames_on_devices:
+        values = np.zeros((len(stored) + 1, stored[0].size), dtype=np.float32)
+        values[:-1] = stored.reshape(len(stored), -1)
+        _frames_on_devices[key] = torch.from_numpy(values).mul_(scale).to(device)
+        weakref.finalize(stored, _frames_on_devices.pop, key)
+    return _frames_on_devices[key]
+
+
+def upload(tensor: torch.Tensor, device: torch.device) -> torch.Tensor:
+    """Copy a tensor to a device, from pinned memory: a card then goes on without waiting."""
+    if device.type == "cuda":
+        tensor = tensor.pin_memory()
+    return tensor.to(device, non_blocking=True)
 
 
 class Sequences:
@@ -101,10 +156,16 @@ class Sequences:
         windows = self._windows.make_batch(np.repeat(self._first[rows], steps) + within)
         return windows, torch.from_numpy(steps)
 
+    def place(self, device: torch.device) -> Sequences:
+        """The same sequences, whose windows are gathered on a device."""
+        placed = copy(self)
+        placed._windows = self._windows.place(device)
+        return placed
+
 
 Samples = Windows | Sequences
-LearnRows = Callable[[np.ndarray], float]
 Forward = Callable[[object], torch.Tensor]
+History = list[dict[str, float]]
 
 
 class Optimiser:
@@ -118,8 +179,9 @@ class Optimiser:
         self.inner = inner
         self.rate = inner.param_groups[0]["lr"]
 
-    def before_epoch(self, epoch: int, batches: np.ndarray, step: LearnRows) -> None:
-        """Set the rate of an epoch, from 0; ``step`` can try its batches [batches, samples]."""
+    def before_epoch(self, epoch: int, steps: Sequence[Step]) -> Steps:
+        """Set the rate of an epoch, from 0; may first try some of its steps."""
+        yield from ()
 
     def zero_grad(self) -> None:
         """Forget the gradients."""
@@ -141,16 +203,9 @@ class Schedule:
     smoothing: float = 0.0  # share of a label that is spread over all classes
 
 
-def train_network(
-    net: nn.Module,
-    samples: Samples,
-    target: np.ndarray,
-    optimiser: Optimiser,
-    schedule: Schedule,
-    forward: Forward | None = None,
-    judge: Callable[[], float] | None = None,
-) -> list[dict[str, float]]:
-    """Minimise cross-entropy over shuffled batches; an epoch leaves out its incomplete last batch.
+@dataclass
+class Training:
+    """A network in training.
 
     Args:
         net: maps a batch to logits [decisions, classes]; trained in place.
@@ -161,64 +216,123 @@ def train_network(
         forward: a faster way to compute ``net(x)`` (`WindowNet.compute_logits`).
         judge: measures the accuracy on held-out captures; the first epoch with the highest one is
             kept. The loss may then become infinite.
-
-    Returns:
-        Per epoch ``loss`` (mean over its batches), ``rate``, and ``held_accuracy`` with a judge.
     """
-    generator, history = np.random.default_rng(schedule.seed), []
-    best: tuple[float, dict] | None = None  # accuracy and weights of the best epoch
-    step = _make_step(net, samples, target, optimiser, schedule.smoothing, forward or net)
-    batch = min(schedule.batch, len(samples))
-    for epoch in range(schedule.epochs):
-        net.train()
-        order = generator.permutation(len(samples))
-        batches = order[: len(samples) // batch * batch].reshape(-1, batch)
-        optimiser.before_epoch(epoch, batches, step)
-        losses = [step(rows) for rows in batches]
-        history.append({"loss": float(np.mean(losses)), "rate": optimiser.rate})
-        if not np.isfinite(history[-1]["loss"]):
-            if best:
+
+    net: nn.Module
+    samples: Samples
+    target: np.ndarray
+    optimiser: Optimiser
+    schedule: Schedule
+    forward: Forward
+    judge: Callable[[], float] | None = None
+
+    def __post_init__(self) -> None:
+        self.device = next(self.net.parameters()).device
+        self._labels = torch.from_numpy(np.asarray(self.target, dtype=np.int64))
+        self._steps = torch.from_numpy(self.samples.steps)
+
+    def iterate(self) -> Generator[Step, torch.Tensor, History]:
+        """Minimise cross-entropy over shuffled batches; an incomplete last one is left out.
+
+        It yields each step, and is sent its loss, a tensor that is read at the end of an epoch.
+
+        Returns:
+            Per epoch ``loss`` (mean over its batches), ``rate``, and ``held_accuracy`` with a
+            judge.
+        """
+        net, schedule, optimiser = self.net, self.schedule, self.optimiser
+        generator, history = np.random.default_rng(schedule.seed), History()
+        best: tuple[float, dict] | None = None  # accuracy and weights of the best epoch
+        batch = min(schedule.batch, len(self.samples))
+        for epoch in range(schedule.epochs):
+            net.train()
+            order = generator.permutation(len(self.samples))
+            batches = order[: len(self.samples) // batch * batch].reshape(-1, batch)
+            steps = [Step(self, rows) for rows in batches]
+            yield from optimiser.before_epoch(epoch, steps)
+            losses = []
+            for step in steps:
+                losses.append((yield step))
+            loss = float(np.mean(torch.stack(losses).tolist()))
+            history.append({"loss": loss, "rate": optimiser.rate})
+            if not np.isfinite(loss):
+                if best:
+                    break
+                raise FloatingPointError(
+                    f"training diverged: the loss of epoch {epoch + 1} is not finite at a "
+                    f"learning rate of {optimiser.rate:g}; give a lower one"
+                )
+            if self.judge:
+                accuracy = history[-1]["held_accuracy"] = self.judge()
+                if best is None or accuracy > best[0]:
+                    weights = {name: value.clone() for name, value in net.state_dict().items()}
+                    best = accuracy, weights
+            if schedule.patience and _has_converged(
+                [row["loss"] for row in history], schedule.patience
+            ):
                 break
-            raise FloatingPointError(
-                f"training diverged: the loss of epoch {epoch + 1} is not finite at a learning "
-                f"rate of {optimiser.rate:g}; give a lower one"
-            )
-        if judge:
-            accuracy = history[-1]["held_accuracy"] = judge()
-            if best is None or accuracy > best[0]:
-                best = accuracy, {name: value.clone() for name, value in net.state_dict().items()}
-        if schedule.patience and _has_converged(
-            [row["loss"] for row in history], schedule.patience
-        ):
-            break
-    if best:
-        net.load_state_dict(best[1])
-    return history
+        if best:
+            net.load_state_dict(best[1])
+        return history
 
+    def make_batch(self, rows: np.ndarray) -> tuple[Any, torch.Tensor]:
+        """A batch of some samples, and the class of each decision on it."""
+        expected = self._labels[rows].repeat_interleave(self._steps[rows])
+        return self.samples.make_batch(rows), upload(expected, self.device)
 
-def _make_step(
-    net: nn.Module,
-    samples: Samples,
-    target: np.ndarray,
-    optimiser: Optimiser,
-    smoothing: float,
-    forward: Forward,
-) -> LearnRows:
-    """Make a function that trains on the samples of some rows and returns their previous loss."""
-    device = next(net.parameters()).device
-    labels = torch.from_numpy(np.asarray(target, dtype=np.int64))
-    steps = torch.from_numpy(samples.steps)
-
-    def step(rows: np.ndarray) -> float:
-        optimiser.zero_grad()
-        expected = labels[rows].repeat_interleave(steps[rows]).to(device)
-        logits = forward(to_device(samples.make_batch(rows), device))
-        loss = nn.functional.cross_entropy(logits, expected, label_smoothing=smoothing)
+    def learn(self, rows: np.ndarray) -> torch.Tensor:
+        """Train on the samples of some rows; return their previous loss."""
+        self.optimiser.zero_grad()
+        x, expected = self.make_batch(rows)
+        loss = self.measure_loss(self.forward(x), expected)
         loss.backward()
-        optimiser.step()
-        return loss.item()
+        self.optimiser.step()
+        return loss.detach()
 
-    return step
+    def measure_loss(self, logits: torch.Tensor, expected: torch.Tensor) -> torch.Tensor:
+        """Mean cross-entropy of the decisions on a batch."""
+        smoothing = self.schedule.smoothing
+        return nn.functional.cross_entropy(logits, expected, label_smoothing=smoothing)
+
+
+class Step(NamedTuple):
+    """A batch of a training, by the rows of its samples."""
+
+    training: Training
+    rows: np.ndarray
+
+
+Steps = Generator[Step, torch.Tensor, None]
+
+
+def train_alone(steps: Generator[Step, torch.Tensor, Any], seed: int) -> Any:
+    """Take the steps of one training, whose random numbers start from a seed; return its result."""
+    with Draws(seed).resume():
+        try:
+            step = next(steps)
+            while True:
+                step = steps.send(step.training.learn(step.rows))
+        except StopIteration as e:
+            return e.value
+
+
+class Draws:
+    """PyTorch's random numbers of one training, whatever others draw in between."""
+
+    def __init__(self, seed: int) -> None:
+        self._seed = seed
+        self._state: torch.Tensor | None = None
+
+    @contextmanager
+    def resume(self) -> Iterator[None]:
+        """Draw from here on where this training stopped."""
+        with torch.random.fork_rng(devices=[]):
+            if self._state is None:
+                torch.manual_seed(self._seed)
+            else:
+                torch.set_rng_state(self._state)
+            yield
+            self._state = torch.get_rng_state()
 
 
 def _has_converged(losses: list[float], patience: int) -> bool:
@@ -241,14 +355,27 @@ def to_device(batch: object, device: torch.device) -> object:
 def predict_samples(net: nn.Module, samples: Samples, batch: int, forward: Forward) -> np.ndarray:
     """Softmax of the logits of every decision, float32 [decisions, classes]."""
     net.eval()
-    device = next(net.parameters()).device
     parts = []
     with torch.inference_mode():
         for first in range(0, len(samples), batch):
             rows = np.arange(first, min(first + batch, len(samples)))
-            logits = forward(to_device(samples.make_batch(rows), device))
-            parts.append(logits.softmax(dim=1).cpu())
-    return torch.cat(parts).numpy()
+            parts.append(forward(samples.make_batch(rows)).softmax(dim=1))
+    return torch.cat(parts).cpu().numpy()
+
+
+class Dropout(nn.Dropout):
+    """Dropout that draws on the processor: equal factors on every device."""
+
+    def draw_factors(self, shape: Sequence[int]) -> torch.Tensor:
+        """Factors of inputs: zeros, and what keeps their mean."""
+        return torch.empty(tuple(shape)).bernoulli_(1 - self.p).div_(1 - self.p)
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        """Multiply the inputs by drawn factors, in training."""
+        self.shape = x.shape[1:]  # of the inputs of one sample
+        if x.is_cpu or not self.training:
+            return super().forward(x)
+        return x * upload(self.draw_factors(x.shape), x.device)
 
 
 IN_PLACE_LAYERS = (nn.ReLU, nn.Flatten, nn.Dropout, nn.BatchNorm1d, nn.BatchNorm3d, nn.LayerNorm)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+from collections.abc import Generator
 from dataclasses import dataclass
 from functools import partial
 from typing import ClassVar
@@ -22,11 +23,13 @@ from bench.models.nets.training import (
     Optimiser,
     Samples,
     Schedule,
+    Step,
+    Training,
     Windows,
     count_activations,
     predict_samples,
     to_device,
-    train_network,
+    train_alone,
 )
 
 MAX_WINDOW_S = 3600.0
@@ -96,8 +99,13 @@ class WindowNet(MostProbable):
         raise NotImplementedError
 
     def forward(self, net: nn.Module, x: object) -> torch.Tensor:
-        """Output of ``net(x)``, up to rounding; a system may compute it faster."""
+        """Output of ``net(x)``, up to rounding; a system may compute it faster on a processor."""
         return net(x)
+
+    @property
+    def on_card(self) -> bool:
+        """True for a card: it runs the library's layers on windows gathered there."""
+        return torch.device(self.device).type != "cpu"
 
     def prepare(self, net: nn.Module, samples: Samples) -> list[dict[str, float]] | None:
         """Prepare training, such as initial weights; may return values to report."""
@@ -113,9 +121,9 @@ class WindowNet(MostProbable):
     def compute_logits(self, net: nn.Module, x: object) -> torch.Tensor:
         """Logits of a batch, float32, computed in the system's precision."""
         if self.precision == "float32":
-            return self.forward(net, x)
+            return net(x) if self.on_card else self.forward(net, x)
         with torch.autocast(torch.device(self.device).type, torch.bfloat16):
-            return self.forward(net, x).float()
+            return (net(x) if self.on_card else self.forward(net, x)).float()
 
     def length(self, rate_hz: float) -> int:
         """Frames of a window at a rate: those of ``seconds``, else ``frames``."""
@@ -187,34 +195,51 @@ class WindowNet(MostProbable):
         Raises:
             InputError: as of `check_training`.
         """
+        train_alone(self.train_in_steps(X, y), self.seed)
+        return self
+
+    def train_in_steps(self, X: Corpus, y: np.ndarray) -> Generator[Step, torch.Tensor, None]:
+        """Train on captures and their class names; others take the steps (`Training.iterate`)."""
         self.check()
         self.classes_, codes = np.unique(y, return_inverse=True)
         self.check_training(X, y)
         held_out = self._is_held_out(X)
         self.window_ = self.length(X.rate_hz)
         samples = self.training_samples(X[~held_out])
-        example = to_device(samples.make_example(), torch.device(self.device))
-        with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(self.seed)
-            self.net_ = net = self.network(*X.grid, len(self.classes_)).to(self.device)
-            with torch.no_grad():  # lazy layers get their size before an optimiser asks for it
-                net.eval()
-                net(example)
-            judge = None
-            if held_out.any():
-                judge = partial(self._measure_accuracy, X[held_out], codes[held_out])
-            target = codes[~held_out][samples.capture]
-            reports = self.prepare(net, samples) or []
-            epochs = self.epoch_limit(samples)
-            schedule = Schedule(epochs, self.batch, self.seed, self.patience, self.smoothing)
-            optimiser, forward = self.optimiser(net, samples), partial(self.compute_logits, net)
-            history = train_network(net, samples, target, optimiser, schedule, forward, judge)
-            self.history_ = reports + history
-        self.activations_ = count_activations(net, example)
-        return self
+        example = samples.make_example()
+        self.net_ = net = self.network(*X.grid, len(self.classes_))
+        with torch.no_grad():  # lazy layers get their size before an optimiser asks for it
+            net.eval()
+            net(example)
+        net.to(self.device)
+        samples = self._place(samples)
+        judge = None
+        if held_out.any():
+            judged = self._place(self.samples(X[held_out]))
+            judge = partial(self._measure_accuracy, judged, codes[held_out])
+        target = codes[~held_out][samples.capture]
+        reports = self.prepare(net, samples) or []
+        epochs = self.epoch_limit(samples)
+        schedule = Schedule(epochs, self.batch, self.seed, self.patience, self.smoothing)
+        optimiser, forward = self.optimiser(net, samples), partial(self.compute_logits, net)
+        training = Training(net, samples, target, optimiser, schedule, forward, judge)
+        history = yield from training.iterate()
+        self.history_ = reports + history
+        self.activations_ = count_activations(net, to_device(example, torch.device(self.device)))
 
-    def _measure_accuracy(self, X: Corpus, codes: np.ndarray) -> float:
-        return float((self.predict_proba(X).argmax(axis=1) == codes).mean())
+    def _place(self, samples: Samples) -> Samples:
+        """Samples on the system's device."""
+        return samples.place(torch.device(self.device)) if self.on_card else samples
+
+    def _measure_accuracy(self, samples: Samples, codes: np.ndarray) -> float:
+        proba = mean_by_capture(self._decide_samples(samples), samples.capture)
+        return float((proba.argmax(axis=1) == codes).mean())
+
+    def _decide_samples(self, samples: Samples) -> np.ndarray:
+        """Probabilities of each sample [decisions, classes]."""
+        forward = partial(self.compute_logits, self.net_)
+        proba = predict_samples(self.net_, samples, self.batch, forward)
+        return vote_shares(proba, samples.steps)
 
     def decide(self, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
         """Predict each sample.
@@ -224,11 +249,9 @@ class WindowNet(MostProbable):
             frames seen), and probabilities [decisions, classes].
         """
         check_is_fitted(self, "net_")
-        samples = self.samples(X)
+        samples = self._place(self.samples(X))
         columns = {"capture": samples.capture, "start": samples.start, "frames": samples.seen}
-        forward = partial(self.compute_logits, self.net_)
-        proba = predict_samples(self.net_, samples, self.batch, forward)
-        return pd.DataFrame(columns), vote_shares(proba, samples.steps)
+        return pd.DataFrame(columns), self._decide_samples(samples)
 
     def predict_proba(self, X: Corpus) -> np.ndarray:
         """Mean probability over the samples of each capture [captures, classes]."""

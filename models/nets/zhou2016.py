@@ -13,6 +13,7 @@ from torch import nn
 
 from bench.corpora.corpus import Corpus
 from bench.errors import check_value
+from bench.models.nets.training import Dropout
 from bench.models.nets.window import FrameNet
 
 FILTERS = (16, 32, 64, 128)
@@ -181,7 +182,7 @@ def _convolution_layers(
 
 
 def _dense_layers(classes: int) -> list[nn.Module]:
-    return [nn.LazyLinear(256), nn.ReLU(), nn.Dropout(0.5), nn.Linear(256, classes)]
+    return [nn.LazyLinear(256), nn.ReLU(), Dropout(0.5), nn.Linear(256, classes)]
 
 
 def _frame_layers(shape: tuple[int, ...]) -> list[nn.Module]:

@@ -1,5 +1,7 @@
 """The training loop, its optimisers, windows and votes: by hand and against loops."""
 
+from contextlib import suppress
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -12,7 +14,14 @@ from bench.corpora.corpus import Corpus
 from bench.features.touch import SIGNALS
 from bench.models.nets.cnn85 import RATES, SelectiveSGD
 from bench.models.nets.touchnet import SignalWindows
-from bench.models.nets.training import Optimiser, Schedule, Sequences, Windows, train_network
+from bench.models.nets.training import (
+    Optimiser,
+    Schedule,
+    Sequences,
+    Training,
+    Windows,
+    train_alone,
+)
 from bench.models.nets.window import vote_shares
 from tests.conftest import random_corpus
 
@@ -31,9 +40,9 @@ def linear():
 def trained(net, windows, schedule, target=0, rate=0.0, judge=None):
     """The history of a training, by default of one that changes nothing."""
     optimiser = Optimiser(torch.optim.SGD(net.parameters(), rate))
-    return train_network(
-        net, windows, target + np.zeros(len(windows), dtype=int), optimiser, schedule, judge=judge
-    )
+    target = target + np.zeros(len(windows), dtype=int)
+    training = Training(net, windows, target, optimiser, schedule, net, judge)
+    return train_alone(training.iterate(), 0)
 
 
 def test_an_epoch_is_a_new_order_of_whole_batches_in_training_mode(windows, monkeypatch):
@@ -114,17 +123,20 @@ def test_the_search_keeps_the_rate_with_the_lowest_last_loss_and_discards_the_tr
     nn.init.ones_(net.weight)
     sgd, losses = SelectiveSGD(net, PAPER), {}
 
-    def step(rows):
-        sgd.zero_grad()
-        loss = 2 * net.weight.square().sum()
-        loss.backward()
-        sgd.step()
-        losses[sgd.rate] = loss.item()  # the last one stays
-        return loss.item()
+    def take_all(steps):
+        with suppress(StopIteration):
+            next(steps)
+            while True:
+                sgd.zero_grad()
+                loss = 2 * net.weight.square().sum()
+                loss.backward()
+                sgd.step()
+                losses[sgd.rate] = loss.item()  # the last one stays
+                steps.send(loss.detach())
 
     for epoch, is_searched in ((0, True), (1, False), (10, True)):
         sgd.rate = 0.123
-        sgd.before_epoch(epoch, np.zeros((40, 2)), step)
+        take_all(sgd.before_epoch(epoch, [None] * 40))
         best = min(losses, key=losses.get)
         assert sgd.rate == (best if is_searched else 0.123)
         assert sgd.rates == tuple(rate for rate in PAPER if rate <= best)
@@ -170,6 +182,7 @@ def test_windows_equal_a_loop(length, hop, seed, grid, padding):
     ]
     order = np.random.default_rng(seed).permutation(len(windows))
     batch = windows.make_batch(order)
+    assert torch.equal(batch, windows.place(torch.device("cpu")).make_batch(order))
     assert batch.dtype == torch.float32 and batch.shape == (len(order), length, *grid)
     np.testing.assert_allclose(
         batch.numpy(), np.stack([expected[i][3] for i in order]) / 1023, rtol=1e-6
