@@ -152,6 +152,8 @@ class Summary:
             return []
         table, costs, known = self.choice.table, costs_of_run_kind(""), {*self.choice.budgets}
         for name, cost in costs.items():
+            if name in self.choice.candidates.hidden_costs:
+                continue
             if (table[name].notna() if cost.is_linear else table[name] > 0).any():
                 known.add(name)
         if table["worst_tenth"].equals(table["worst_person"]):  # of ten people or fewer

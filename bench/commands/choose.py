@@ -100,7 +100,9 @@ def table_of_candidates(result: Choice) -> Table:
 def _shown_costs(result: Choice) -> list[Cost]:
     """The costs of all systems, and those that a budget, ``by=`` or a scene names."""
     costs = costs_of_run_kind(result.study).values()
+    hidden = result.candidates.hidden_costs
     shown = [cost for cost in costs if cost.scene_line[0] not in ("faults", "people")]
+    shown = [cost for cost in shown if cost.key not in hidden]
     shown.sort(key=lambda cost: "captures" in cost.measured_on)
     named = {result.by, *result.budgets}
     for key, cost in all_costs().items():

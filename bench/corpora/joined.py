@@ -58,10 +58,14 @@ def resample(frames: np.ndarray, rate_hz: float, wanted_hz: float) -> np.ndarray
         high, share = np.minimum(low + 1, count - 1), (middles - low)[:, None, None]
         return (values[low] * (1 - share) + values[high] * share).astype(np.float32)
     edges = np.arange(wanted + 1) * count / wanted
-    last = np.minimum(edges.astype(int), count - 1)  # frame in which an edge lies
+    return (sum_between(values, edges) * wanted / count).astype(np.float32)
+
+
+def sum_between(values: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Sums of float64 frames from each edge to the next, in which parts of frames count as such."""
+    last = np.minimum(edges.astype(int), len(values) - 1)  # frame in which an edge lies
     before = np.concatenate([np.zeros_like(values[:1]), np.cumsum(values, axis=0)])
-    sums = before[last] + (edges - last)[:, None, None] * values[last]
-    return (np.diff(sums, axis=0) * wanted / count).astype(np.float32)
+    return np.diff(before[last] + (edges - last)[:, None, None] * values[last], axis=0)
 
 
 def regrid(frames: np.ndarray, rows: int, cols: int) -> np.ndarray:

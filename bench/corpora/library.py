@@ -12,10 +12,12 @@ import inspect
 import json
 import os
 import re
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 from filelock import FileLock, Timeout
@@ -192,12 +194,13 @@ def _unwritable_error(folder: Path, error: OSError) -> InputError:
     return InputError(f"{one_line(folder, 150)} cannot be written ({reason}); {advice}")
 
 
-def open_corpus(name: str, parameters: Mapping[str, object]) -> Corpus:
+def open_corpus(name: str, parameters: Mapping[str, Any], design: Any = None) -> Corpus:
     """Open the captures with a gesture of a corpus.
 
     Args:
         name: an imported corpus, several joined by ``+``, or ``synth``.
         parameters: those of `bench.corpora.synth.generate`.
+        design: a skin that measures them (`bench.corpora.skin`); None for the recorded one.
 
     Raises:
         InputError: there is no such corpus, it is damaged, has no capture with a gesture, or is
@@ -205,12 +208,26 @@ def open_corpus(name: str, parameters: Mapping[str, object]) -> Corpus:
     """
     refuse_closed(name)
     if "+" in name:
-        return _open_joined(name)
-    if name == "synth":
+        corpus = _open_joined(name)
+    elif name == "synth":
         from bench.corpora import synth
 
-        return make_once("synth", parameters, lambda: synth.generate(**parameters), synth)
-    return captures_with_gesture(open_imported(name))
+        corpus = make_once("synth", parameters, lambda: synth.generate(**parameters), synth)
+    else:
+        corpus = open_imported(name)
+    return captures_with_gesture(open_designed(corpus, design) if design else corpus)
+
+
+def open_designed(
+    corpus: Corpus, design: Any, convert: Callable[[Corpus], Corpus] | None = None
+) -> Corpus:
+    """Open a corpus as a skin of a design measures it; ``convert`` may replace its own method."""
+    from bench.corpora import joined
+
+    code = sys.modules[type(design).__module__], joined
+    made = convert or design.convert
+    arguments = [corpus.digest, corpus.name, repr(design)]
+    return make_once(".skin", arguments, lambda: made(corpus), *code)
 
 
 def captures_with_gesture(corpus: Corpus) -> Corpus:

@@ -55,6 +55,11 @@ TARGET = _run_option("target", "columns that define the class, such as gesture+v
 PROTOCOL = _run_option("protocol", "{protocols}")
 MODEL = _run_option("model", "{models}; names with a year are published systems")
 FEATURES = _run_option("features", "{features}; not used by all models")
+SKIN = _run_option(
+    "skin",
+    "{skins}: a smaller skin than recorded, of grid=, rate_hz=, bits=, range=, curve=, taxels= and "
+    "sampling=, such as skin.grid=4x4; bench run skin=design --help explains them",
+)
 SEED = Option(
     "seed",
     "count",
@@ -68,9 +73,9 @@ BATCH = Option(
 DRY = Option(
     "dry", "yes", False, "yes: only say which runs are stored and how long the others take"
 )
-FIT_OPTIONS = (DATA, WHERE, TARGET, MODEL, FEATURES, SEED)  # of training on all captures
+FIT_OPTIONS = (DATA, WHERE, TARGET, SKIN, MODEL, FEATURES, SEED)  # of training on all captures
 CELL_OPTIONS = (DATA, WHERE, TARGET, PROTOCOL, MODEL, FEATURES)  # of a run
-RUN_OPTIONS = (*CELL_OPTIONS, SEED, JOBS)
+RUN_OPTIONS = (*CELL_OPTIONS, SKIN, SEED, JOBS)
 STORED_OPTIONS = (  # that select stored runs
     *CELL_OPTIONS,
     Option(
@@ -169,7 +174,7 @@ def key_options(name: str, typed: Iterable[str] | None = None) -> dict[str, Opti
 def part_groups() -> dict[str, str]:
     """Groups of parts by the keys that name them, with those of packages."""
     names = [name for name in registered_parts("commands") if " " in name]
-    options = (*CELL_OPTIONS, *(load_part("commands", name) for name in names))
+    options = (*RUN_OPTIONS, *(load_part("commands", name) for name in names))
     return {option.key: option.part_group for option in options if option.part_group}
 
 

@@ -32,6 +32,7 @@ FILE_MODULE_PREFIX = "touchbench_file_"  # of the names of modules that are load
 PACKAGES = {  # of groups that lie deeper
     "circumstances": "bench.running.circumstances",
     "sources": "bench.corpora.sources",
+    "skins": "bench.corpora.skin",
 }
 KEYS = {"corpora": "format"} | {group: key for key, group in PART_GROUPS.items()}
 

@@ -24,6 +24,7 @@ DEFAULTS = {  # of the keys of a run
     "seed": "0",
     "where": "",
     "target": "gesture",
+    "skin": "design",
 }
 # A small system that is accurate on real touch, for examples and hints
 SMALL_SYSTEM = "model=lda features=touch model.window=1.0 model.repair=stuck+dead"

@@ -149,6 +149,7 @@ class Cell:
     features: Part | None
     model: Part
     tuning: Tuning | None = None
+    skin: Part | None = None  # None for the recorded one
     circumstances: tuple[Any, ...] = ()
     run_kind: Any = None
 
@@ -157,8 +158,9 @@ class Cell:
 
     @property
     def parts(self) -> list[Part]:
-        """Protocol, feature set if there is one, and model."""
-        return [part for part in (self.protocol, self.features, self.model) if part]
+        """Skin and feature set if there are such, protocol, and model."""
+        parts = (self.skin, self.protocol, self.features, self.model)
+        return [part for part in parts if part]
 
     @property
     def extensions(self) -> list[Any]:
@@ -185,12 +187,19 @@ class Cell:
         """The protocol, built once."""
         return self.protocol.make_object()
 
+    @cached_property
+    def design(self) -> Any:
+        """The skin (`bench.corpora.skin.Design`), built once; None for the recorded one."""
+        return self.skin.make_object() if self.skin else None
+
     def system_name(self) -> str:
-        """Model and feature set, as tables name them."""
+        """Model, feature set and a designed skin, as tables name them."""
         model = str(self.model)
         if self.tuning:
             model = f"tuned {self.model.short_name}[{_describe_search(self.tuning)}]"
-        return f"{model} · {self.features.label(self._features_seed)}" if self.features else model
+        features = self.features.label(self._features_seed) if self.features else ""
+        skin = str(self.skin) if self.skin else ""
+        return " · ".join(filter(None, [model, features, skin]))
 
     def title(self) -> str:
         """System, data and protocol: the name of the run."""
@@ -271,11 +280,12 @@ class Cell:
             values["where"] = self.where
         if self.target != DEFAULTS["target"]:
             values["target"] = self.target
-        parts = {"protocol": self.protocol, "model": self.model, "features": self.features}
+        parts = {"skin": self.skin, "protocol": self.protocol}
+        parts |= {"model": self.model, "features": self.features}
         for key, part in parts.items():
             if part:
                 seed = self._features_seed if key == "features" else None
-                values[key] = part.name
+                values |= {key: part.name} if (key, part.name) != ("skin", DEFAULTS["skin"]) else {}
                 values |= _dotted_arguments(key, part.changed_parameters(seed))
         if self.tuning:
             search: dict[str, Any] = dict(self.tuning)

@@ -35,6 +35,7 @@ def make_cells(values: Values) -> list[Cell]:
             systems.append((sets, variants))
         if not takes:
             systems.append(([None], variants))
+    skins = _make_skins(values, listed["skin"])
     cells: dict[str, Cell] = {}
     for data, where, target, protocol in itertools.product(
         *(listed[key] for key in ("data", "where", "target", "protocol"))
@@ -42,12 +43,21 @@ def make_cells(values: Values) -> list[Cell]:
         corpora = expand_corpus_parameters(values, data, listed["data"])
         protocols = make_part_variants(values, "protocol", protocol, listed["protocol"])
         for sets, variants in systems:
-            for combination in itertools.product(corpora, protocols, sets, variants):
-                data_parameters, protocol_part, features_part, model_part = combination
+            for combination in itertools.product(corpora, skins, protocols, sets, variants):
+                data_parameters, skin, protocol_part, features_part, model_part = combination
                 parts = protocol_part, features_part, model_part
-                cell = Cell(data, data_parameters, where, target, *parts)
+                cell = Cell(data, data_parameters, where, target, *parts, skin=skin)
                 cells.setdefault(f"{cell!r} {[*map(id, cell.objects)]}", cell)
     return [*cells.values()]
+
+
+def _make_skins(values: Values, names: list[str]) -> list[Part | None]:
+    """The skins of typed values; None for the recorded one, of which nothing is loaded."""
+    if not any(key.partition(".")[0] == "skin" for key in values):
+        return [None]
+    variants = [make_part_variants(values, "skin", name, names, group="skins") for name in names]
+    parts = itertools.chain.from_iterable(variants)
+    return [p if p.changed_parameters() or p.name != DEFAULTS["skin"] else None for p in parts]
 
 
 def _takes_features(model: object) -> bool:

@@ -146,7 +146,7 @@ def make_plans(cells: Iterable[Cell], jobs: int | None) -> list[Plan]:
     for cell in cells:
         estimator, protocol = check_system(cell), cell.protocol
         captures = cell.data, repr(cell.data_parameters), cell.where, cell.target, cell.kind
-        group = *captures, repr(protocol), protocol.module, id(protocol.instance)
+        group = *captures, repr(cell.skin), repr(protocol), protocol.module, id(protocol.instance)
         is_first = group not in first_plans
         corpus = captures_of_cell(cell) if is_first else first_plans[group].corpus
         contract.check_conditions(estimator, corpus)
@@ -248,7 +248,7 @@ def captures_of_cell(cell: Cell) -> Corpus:
     """
     if cell.run_kind and (own := cell.run_kind.open_captures(cell)) is not None:
         return own
-    corpus = load_captures(cell.data, cell.data_parameters, cell.where, cell.target)
+    corpus = load_captures(cell.data, cell.data_parameters, cell.where, cell.target, cell.design)
     joined = getattr(cell.splitter, "joined", None)
     corpus = joined(corpus) if joined else corpus
     if len(set(corpus.gestures)) < 2:
@@ -260,9 +260,14 @@ def captures_of_cell(cell: Cell) -> Corpus:
     return corpus
 
 
-def load_captures(data: str, parameters: dict[str, object], where: str, target: str) -> Corpus:
-    """Load the captures of a corpus that satisfy a condition, with the classes of a target."""
-    corpus = open_corpus(data, parameters)
+def load_captures(
+    data: str, parameters: dict[str, object], where: str, target: str, design: Any = None
+) -> Corpus:
+    """Load the captures of a corpus that satisfy a condition, with the classes of a target.
+
+    With a design, as that skin measures them (`bench.corpora.skin`).
+    """
+    corpus = open_corpus(data, parameters, design)
     corpus = corpus.select(where) if where else corpus
     return corpus if target == "gesture" else corpus.with_target(target)
 

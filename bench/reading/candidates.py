@@ -29,7 +29,7 @@ TAGS = {  # columns of a candidate that repeat a tag of its run of the lowest se
 }
 EACH_GESTURE = Reactions()
 # Keys of a run that other commands repeat.
-REPEATED_KEYS = ("data", "where", "target", "protocol", "model", "features", "seed")
+REPEATED_KEYS = ("data", "where", "target", "skin", "protocol", "model", "features", "seed")
 Way = list[tuple[Candidate, Result]]  # one way in which a system labels, for each seed
 
 
@@ -65,6 +65,13 @@ class Candidates:
     def mixes_subjects(self) -> bool:
         """True if training and test captures share subjects."""
         return self.first.mixes_subjects
+
+    @property
+    def hidden_costs(self) -> set[str]:
+        """Costs of the skin, if all candidates have one as costly: no table shows them unasked."""
+        if self.table["bits_per_s"].nunique() > 1:
+            return set()
+        return {name for name, cost in all_costs().items() if cost.scene_line[0] == "skin"}
 
     def without_person(self, person: int, names: Iterable[str]) -> Candidates:
         """The candidates without a person; the named costs that depend on people are new."""

@@ -15,7 +15,7 @@ from bench.values.result import FOLD_COUNTS, Result, Row, comparison_key, settin
 DESCRIPTION = (
     "system model features parameters seed unit subset target data protocol".split()
 )  # columns that describe a run
-PARTS = ("model", "features", "protocol", "data")  # whose parameters are ``<part>.<name>``
+PARTS = ("model", "features", "protocol", "data", "skin")  # whose parameters are ``<part>.<name>``
 CONTEXT = ("data", "subset", "target", "protocol")
 SHARE_NAMES = ("accuracy", "subject_sd", "macro_")  # in names of numbers that are shown in percent
 ACCURACY_COLUMNS = {  # stored names by column

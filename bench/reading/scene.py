@@ -23,6 +23,7 @@ OTHER_LINES = {
     "budget": {"clock": "clock", "board": "", "share": ""},
     "faults": {"names": "", "severity": ""},
     "people": {},
+    "skin": {},
 }
 COSTLIEST = 1e6  # of one mistake, so that sums of costs and scores stay finite
 

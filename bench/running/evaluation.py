@@ -40,6 +40,8 @@ ALL_FOLDS = "all"  # of windows that a protocol splits: a label needs all window
 
 def evaluate_fold(cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
     """Evaluate one fold and its circumstances; a circumstance that fails leaves the rest."""
+    if cell.design:
+        corpus = cell.design.fit_range(corpus, fold.train)
     if cell.run_kind:
         return cell.run_kind.evaluate_fold(cell, corpus, fold, threads)
     system, result = fit_and_predict(cell, corpus, fold, threads)

@@ -87,6 +87,8 @@ def fit(cell: Cell, out: Path | None = None, stopping: bool = True, learner: Any
     check_system(cell)
     system = cell.estimator()
     corpus = learner.load_captures(cell) if learner else captures_of_cell(cell)
+    if cell.design:
+        corpus = cell.design.fit_range(corpus, np.arange(len(corpus)))
     if conditions := contract.required_conditions(system):
         raise InputError(
             f"model={cell.model}: it predicts with {', '.join(conditions)}, which a saved model "

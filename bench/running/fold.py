@@ -15,7 +15,7 @@ import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from bench import contract
-from bench.corpora.corpus import COPY, Corpus
+from bench.corpora.corpus import COPY, Corpus, shared_frames
 from bench.errors import PredictionError
 from bench.ground.timing import Times, time_once, time_repeatedly
 from bench.models.sizes import measure_sizes
@@ -25,6 +25,7 @@ ALONE = 8  # of these, also predicted alone, which takes some systems as long as
 TOLERANCE = 1e-3  # of a probability: float32 rounds differently in another batch
 TIMED_CAPTURES = 5
 WARM_UP = 1
+DECIMAL_BITS = 16  # of a reading that is no whole number
 
 
 @contextmanager
@@ -60,7 +61,20 @@ def memory_metrics(system: contract.System, corpus: Corpus) -> dict[str, float]:
     peak = peak_memory()  # before sizes are counted, which takes memory, too
     taxels = corpus.grid[0] * corpus.grid[1]
     sizes = measure_sizes(system, taxels, int(corpus.lengths.max()))
-    return {"peak_rss_bytes": peak, **sizes}
+    return {"peak_rss_bytes": peak, **sizes, **skin_metrics(corpus)}
+
+
+def skin_metrics(corpus: Corpus) -> dict[str, float]:
+    """Costs of the skin: taxels, wires, values and bits per second, and bytes of a frame."""
+    rows, cols = corpus.grid
+    is_whole = shared_frames(corpus)[0].dtype.kind in "iu"
+    bits = int(corpus.full_scale).bit_length() if is_whole else DECIMAL_BITS
+    costs = {"taxels": rows * cols, "wires": rows + cols, "bits": bits}
+    costs |= corpus.info.get("skin_costs", {})  # of a design
+    values, bits = costs["taxels"] * corpus.rate_hz, costs.pop("bits")
+    frame_bytes = costs["taxels"] * -(-bits // 8)
+    rates = {"values_per_s": values, "bits_per_s": values * bits}
+    return costs | rates | {"frame_bytes": frame_bytes}
 
 
 def reset_peak_memory() -> None:

@@ -69,10 +69,11 @@ def run_params(plan: Plan) -> dict[str, str]:
         "data": cell.data,
         "where": cell.where or "all",
         "target": cell.target,
-        "corpus_digest": plan.corpus.digest,
+        # Designs of the skin are compared, so they have the digest of what was recorded
+        "corpus_digest": plan.corpus.info.get("recorded", {}).get("digest", plan.corpus.digest),
     }
     params |= _with_prefix("data", cell.data_parameters)
-    for name, part in (("features", cell.features), ("model", cell.model)):
+    for name, part in (("skin", cell.skin), ("features", cell.features), ("model", cell.model)):
         if part:
             params |= {name: part.name} | _with_prefix(name, part.parameters)
         if part and part.module:

@@ -251,6 +251,16 @@ def format_three_digits(value: float) -> str:
 
 _PERSON: dict[str, Any] = {"unit": "%", "better": "high", "section": "people", "shows": ()}
 _PERSON |= {"why_unknown": "a person has no score"}
+_SKIN: dict[str, Any] = {"form": format_three_digits, "section": "skin", "shows": ("csv",)}
+
+
+def processor_ms_per_s(row: Row) -> float | None:
+    """Milliseconds that labels of captures take per second of touch; None if they are unknown."""
+    numbers = (value_or_none(row.get(name)) for name in ("predict_ms_p50", "capture_ms"))
+    predict_ms, capture_ms = numbers
+    return 1000 * predict_ms / capture_ms if predict_ms is not None and capture_ms else None
+
+
 OF_SYSTEMS = (  # costs of every run
     Cost(
         "flash",
@@ -289,6 +299,53 @@ OF_SYSTEMS = (  # costs of every run
         help="longest computing time per label on this machine when quiet, such as 2ms",
         spare=4,
         shows=(),
+    ),
+    Cost(
+        "taxels",
+        **_SKIN,
+        meaning="wired taxels of the skin",
+        help="most taxels",
+    ),
+    Cost(
+        "wires",
+        **_SKIN,
+        meaning="the fewer of rows and columns of a matrix, and a wire per taxel and one for all",
+        help="most wires to the taxels",
+    ),
+    Cost(
+        "values_per_s",
+        **_SKIN,
+        noun="values per second",
+        phrase="values per second",
+        meaning="taxels times frames per second",
+        help="most values per second from the skin",
+    ),
+    Cost(
+        "bits_per_s",
+        **_SKIN,
+        noun="bits per second",
+        phrase="bits per second",
+        meaning="values per second times bits of the converter; 16 bits for decimals",
+        help="most bits per second from the skin",
+    ),
+    Cost(
+        "frame",
+        source="frame_bytes",
+        scale=to_thousands,
+        **_SKIN,
+        unit="kB",
+        noun="RAM of a frame",
+        meaning="one or two bytes for each taxel, by the bits of the converter",
+        help="largest RAM of a frame, such as 32B",
+    ),
+    Cost(
+        "processor",
+        source=processor_ms_per_s,
+        **_SKIN | {"shows": ()},
+        unit="ms",
+        noun="processor time per second of touch",
+        why_unknown="exported C is not timed",
+        help="longest processor time per second of touch on this machine when quiet, such as 5ms",
     ),
 )
 WORST_PEOPLE = {  # key: whose accuracy it is, and how many people they are

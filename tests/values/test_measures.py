@@ -43,12 +43,16 @@ def test_a_measure_reads_and_formats_a_value(measure, value, text):
 
 def test_costs_have_their_budgets_and_amounts():
     costs, least = all_costs(), ["worst_person", "worst_tenth"]
-    assert [*costs] == ["flash", "ram", "predict", "decision", "fault_loss", "worst_fault", *least]
+    skin = ["taxels", "wires", "values_per_s", "bits_per_s", "frame", "processor"]
+    first = ["flash", "ram", "predict", *skin]
+    assert [*costs] == [*first, "decision", "fault_loss", "worst_fault", *least]
     for name, cost in costs.items():
         assert cost.budget_key == f"{'min' if name in least else 'max'}_{name}"
     run = {"flash_bytes": 2500, "ram_bytes": 512, "predict_ms_p50": 1.5, "predict_ms_p95": 9}
-    run["capture_ms"] = 300
-    amounts = {"flash": 2.5, "ram": 0.512, "predict": 1.5, "decision": 300}
+    run |= {"capture_ms": 300, "taxels": 16, "wires": 8, "frame_bytes": 16}
+    run |= {"values_per_s": 432, "bits_per_s": 2592}
+    amounts = {"flash": 2.5, "ram": 0.512, "predict": 1.5, "decision": 300, "processor": 5}
+    amounts |= {"taxels": 16, "wires": 8, "values_per_s": 432, "bits_per_s": 2592, "frame": 0.016}
     measured = {n: cost.value_of_row(run) for n, cost in costs.items() if cost.of_people is None}
     assert measured == amounts
 

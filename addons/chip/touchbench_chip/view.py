@@ -7,7 +7,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from bench.reports.views.base import View
-from bench.values.measures import TEXT, Cost, Measure, percent_measure, text_measure, to_thousands
+from bench.values.measures import (
+    TEXT,
+    Cost,
+    Measure,
+    Row,
+    percent_measure,
+    text_measure,
+    to_thousands,
+    value_or_none,
+)
 from bench.values.table import Table
 from touchbench_chip.circumstance import C
 
@@ -34,6 +43,14 @@ WATCHING = (  # columns of the costs of watching an endless stream
         "recorded_most", "at most there", "chip_watch_recorded_most_instructions", ",.0f", spare=2
     ),
 )
+
+
+def instructions_per_s(row: Row) -> float | None:
+    """Thousand instructions of C per second; None without C."""
+    per_frame = value_or_none(row.get("chip_frame_instructions"))
+    if per_frame is None or not row.get("taxels"):
+        return None
+    return per_frame * row["values_per_s"] / row["taxels"] / 1000
 
 
 class ChipView(View):
@@ -71,6 +88,18 @@ class ChipView(View):
             spare=5,
             command="run form=c",
             at_clock="decision",
+            shows=(),
+        ),
+        Cost(
+            "instructions",
+            source=instructions_per_s,
+            unit="k",
+            section="skin",
+            noun="instructions per second",
+            phrase="instructions per second",
+            why_unknown="only form=c counts them",
+            help="most instructions per second in C, such as 5M",
+            command="run form=c",
             shows=(),
         ),
     )
