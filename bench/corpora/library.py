@@ -194,13 +194,16 @@ def _unwritable_error(folder: Path, error: OSError) -> InputError:
     return InputError(f"{one_line(folder, 150)} cannot be written ({reason}); {advice}")
 
 
-def open_corpus(name: str, parameters: Mapping[str, Any], design: Any = None) -> Corpus:
+def open_corpus(
+    name: str, parameters: Mapping[str, Any], design: Any = None, also: str = ""
+) -> Corpus:
     """Open the captures with a gesture of a corpus.
 
     Args:
         name: an imported corpus, several joined by ``+``, or ``synth``.
         parameters: those of `bench.corpora.synth.generate`.
         design: a skin that measures them (`bench.corpora.skin`); None for the recorded one.
+        also: imported corpora, joined by ``+``, whose captures follow for training alone.
 
     Raises:
         InputError: there is no such corpus, it is damaged, has no capture with a gesture, or is
@@ -215,19 +218,20 @@ def open_corpus(name: str, parameters: Mapping[str, Any], design: Any = None) ->
         corpus = make_once("synth", parameters, lambda: synth.generate(**parameters), synth)
     else:
         corpus = open_imported(name)
+    corpus = _open_added(corpus, also) if also else corpus
     return captures_with_gesture(open_designed(corpus, design) if design else corpus)
 
 
 def open_designed(
-    corpus: Corpus, design: Any, convert: Callable[[Corpus], Corpus] | None = None
+    corpus: Corpus, design: Any, convert: Callable[[Any, Corpus], Corpus] | None = None
 ) -> Corpus:
-    """Open a corpus as a skin of a design measures it; ``convert`` may replace its own method."""
+    """Open a corpus as a skin of a design measures it; ``convert`` may replace its method."""
     from bench.corpora import joined
 
-    code = sys.modules[type(design).__module__], joined
-    made = convert or design.convert
+    convert = convert or type(design).convert
+    code = [sys.modules[part.__module__] for part in (type(design), convert)]
     arguments = [corpus.digest, corpus.name, repr(design)]
-    return make_once(".skin", arguments, lambda: made(corpus), *code)
+    return make_once(".skin", arguments, lambda: convert(design, corpus), *code, joined)
 
 
 def captures_with_gesture(corpus: Corpus) -> Corpus:
@@ -355,6 +359,28 @@ def make_once(
     except OSError as e:
         raise _unwritable_error(folder, e) from e
     return open_folder(folder)
+
+
+def _open_added(corpus: Corpus, also: str) -> Corpus:
+    """A corpus with the captures of others, for training alone."""
+    from bench.corpora import joined, spellings
+
+    names = also.split("+")
+    if len(set(names)) < len(names) or {"", "synth", *corpus.name.split("+")} & {*names}:
+        raise InputError(
+            f"also={also[:100]}: give names of other imported corpora than data={corpus.name}, "
+            "joined by +, each once"
+        )
+    others = [captures_with_gesture(open_imported(name)) for name in names]
+    key = [[each.digest, each.name] for each in (corpus, *others)]
+    code = (joined, spellings)
+    return make_once(".also", key, lambda: joined.add_corpora(corpus, others), *code)
+
+
+def compared_digest(corpus: Corpus) -> str:
+    """Digest of the recorded captures that are tested, however they are trained or measured."""
+    recorded = corpus.info.get("recorded", {}).get("digest", corpus.digest)
+    return corpus.info.get("tested_digest", recorded)
 
 
 def _open_joined(name: str) -> Corpus:

@@ -2,9 +2,9 @@
 
 The order is that of the hardware. Electrodes: readings of taxels that are not wired are left out,
 and a merged taxel is the mean of the wired readings that it covers, by area. Readout: a lower rate
-is the mean of each period, or takes the frame at its beginning. Converter: each of these values is
-clipped to a range, companded and rounded to a code. Systems get the decoded codes, in units of the
-recorded readings, and the recorded full scale.
+is the mean of each period, takes the frame at its beginning, or keeps the largest values, as peak
+detectors do. Converter: each of these values is clipped to a range, companded and rounded to a
+code. Systems get the decoded codes, in units of the recorded readings, and the recorded full scale.
 
 Nothing is learned, except with ``range=auto``, in each fold from its training captures alone.
 """
@@ -26,14 +26,14 @@ if TYPE_CHECKING:
     from bench.corpora.corpus import Corpus
 
 PARTS = {"design": "bench.corpora.skin:Design"}
-MU = 255.0  # of the logarithmic curve, as in telephony
-# Code as a share of its largest to the share of the range, by curve
-CURVES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
-    "linear": lambda codes: codes,
-    "log": lambda codes: ((1 + MU) ** codes - 1) / MU,
-    "sqrt": lambda codes: codes**2,
+MU = 1000.0  # of the logarithmic curve over the full scale, as of ``model.scale=log``
+# Code as a share of its largest, and mu of the range, to the share of the range, by curve
+CURVES: dict[str, Callable[[np.ndarray, float], np.ndarray]] = {
+    "linear": lambda codes, mu: codes,
+    "log": lambda codes, mu: ((1 + mu) ** codes - 1) / mu,
+    "sqrt": lambda codes, mu: codes**2,
 }
-SAMPLINGS = ("mean", "pick")
+SAMPLINGS = ("mean", "pick", "peak")
 AUTO, AUTO_QUANTILE = "auto", 0.999  # of the training readings, the upper end of the range
 MOST_BITS = 16
 # Of full scale, by which a value may miss the middle between two codes and get the upper one. So
@@ -53,10 +53,12 @@ class Design:
         rate_hz: frames per second; 0 as recorded.
         bits: bits of the converter; 0 for the recorded steps.
         range: readings that the converter spans, such as 0-255; auto learns them in training.
-        curve: how codes spread over the range: linear, log (mu-law, 255) or sqrt.
+        curve: how codes spread over the range: linear, log (mu-law, with mu 1000 for the
+            full scale) or sqrt.
         taxels: numbers of the wired channels, such as 1-8+57-64 for the edges of 8x8; without it,
             all. Rows and columns without any are left out, other unwired taxels read 0.
-        sampling: mean of each period, or pick for the frame at its beginning.
+        sampling: mean of each period, pick for the frame at its beginning, or peak for the largest
+            value of each taxel in it.
     """
 
     grid: str = ""
@@ -108,7 +110,7 @@ class Design:
             path=None,
             info=corpus.info | self._facts(corpus, area),
         )
-        encoded = self._encode(made)  # which also checks a design whose range is not known yet
+        encoded = self.encode(made)  # which also checks a design whose range is not known yet
         return made if self.range == AUTO else encoded
 
     def fit_range(self, corpus: Corpus, train: np.ndarray) -> Corpus:
@@ -128,7 +130,7 @@ class Design:
         high = max(math.ceil(np.quantile(readings, AUTO_QUANTILE)), low + steps)
         fitted = replace(self, range=f"{low}-{high}")
         design = {"design": asdict(fitted)}
-        return fitted._encode(corpus.with_fields(info=corpus.info | design, digest="", path=None))
+        return fitted.encode(corpus.with_fields(info=corpus.info | design, digest="", path=None))
 
     def _shape(self, corpus: Corpus) -> tuple[int, int]:
         """Rows and columns of merged taxels."""
@@ -186,7 +188,11 @@ class Design:
         count, (over, under) = len(frames), period.as_integer_ratio()
         if self.sampling == "pick":
             return frames[np.arange(-(-count * under // over)) * over // under]
-        edges = np.arange(max(1, count * under // over) + 1) * over / under
+        steps = np.arange(max(1, count * under // over) + 1)
+        if self.sampling == "peak":
+            first = steps * over // under
+            return np.maximum.reduceat(frames[: first[-1]], first[:-1])
+        edges = steps * over / under
         edges = np.minimum(edges, count)  # a shorter capture becomes one frame
         return (sum_between(frames.astype(np.float64), edges) / edges[1]).astype(np.float32)
 
@@ -200,8 +206,11 @@ class Design:
         costs = {"taxels": taxels, "wires": min(lines, taxels + 1)}
         return {"recorded": recorded, "design": asdict(self), "skin_costs": costs}
 
-    def _encode(self, corpus: Corpus) -> Corpus:
-        """Captures after the converter: in decoded codes, whole numbers if all codes are."""
+    def encode(self, corpus: Corpus) -> Corpus:
+        """Captures of `convert` after the converter: in decoded codes, whole numbers if they are.
+
+        A design with ``range=auto`` cannot; one of `fit_range` lies in ``info`` of its captures.
+        """
         import numpy as np
 
         info = corpus.info
@@ -237,8 +246,15 @@ class Design:
         if not steps:
             return np.zeros(0), np.zeros(0)
         spread, codes = CURVES[self.curve], np.arange(steps + 1)
+        mu = MU * (high - low) / full_scale
         thresholds, levels = (
-            low + (high - low) * spread(shares)
+            low + (high - low) * spread(shares, mu)
             for shares in ((codes[1:] - 0.5) / steps, codes / steps)
         )
         return thresholds - GUARD * full_scale, levels.round(9)
+
+
+def design_of(corpus: Corpus) -> Design | None:
+    """The skin that captures were converted to, its range learned; None for the recorded one."""
+    design = corpus.info.get("design")
+    return Design(**design | {"taxels": tuple(design["taxels"])}) if design else None

@@ -14,12 +14,14 @@ from bench.corpora import synth
 from bench.corpora.corpus import Corpus
 from bench.corpora.folder import content_digest
 from bench.corpora.library import import_corpus, open_corpus, open_imported
+from bench.corpora.skin import Design
 from bench.errors import InputError
 from touchbench_streams import synth_recordings
 from touchbench_streams.composer import compose_recordings, split_touch_and_background
 from touchbench_streams.read import read as read_captures
 from touchbench_streams.recordings import (
     Recordings,
+    convert_recordings,
     cut_into_captures,
     event_table,
     find_events,
@@ -415,3 +417,26 @@ def test_captures_of_recordings_are_their_frames_and_make_them_again(plans):
     )
     assert [a.tolist() for a in again.corpus] == [a.tolist() for a in expected.corpus]
     pd.testing.assert_frame_equal(again.events, expected.events)
+
+
+@pytest.mark.parametrize("rate_hz", [25.0, 20.0, 50.0])
+def test_a_design_measures_a_recording_as_a_whole(rate_hz):
+    value = make_recordings([(0, 3, 8, "tap"), (0, 8, 15, "rub"), (1, 0, 4, "tap")], (41, 9))
+    captures = cut_into_captures(value)
+    made = convert_recordings(Design(rate_hz=rate_hz), captures)
+    restored, step = restore_recordings(made), rate_hz / 50
+    whole = Design(rate_hz=rate_hz).convert(value.corpus)
+    for got, wanted in zip(restored.corpus, whole, strict=True):
+        np.testing.assert_array_equal(got, wanted)
+    times = value.labelled[["start", "end"]].to_numpy() * step
+    assert np.abs(restored.labelled[["start", "end"]].to_numpy() - times).max() <= 0.5
+    assert [*restored.labelled["gesture"]] == [*value.labelled["gesture"]]
+    np.testing.assert_array_equal(made.index, captures.index)
+
+
+def test_touches_of_less_than_a_frame_keep_one():
+    captures = cut_into_captures(make_recordings([(0, 4, 5, "tap"), (0, 5, 6, "rub")], (30,)))
+    made = convert_recordings(Design(rate_hz=10.0), captures)
+    assert made.lengths.tolist() == [1, 1, 1, 3] and len(made.frames) == 6
+    with pytest.raises(InputError, match="skin.rate_hz=2: a recording has 4 touches and gaps"):
+        convert_recordings(Design(rate_hz=2.0), captures)

@@ -249,3 +249,13 @@ def test_recordings_go_through_the_faults_of_captures(recordings):
         shares[0], 4, "1", 5, 20.0
     )  # the sensor of a subject is the same
     assert np.array_equal(dead[0], as_readings(twice.corpus, capture))
+
+
+def test_a_design_of_the_skin_is_watched_with_its_range_of_training_subjects():
+    """The rate, the grid and the learned range reach the numbers of the run."""
+    words = [*TINY, "model=lda", "features=touch", "skin.grid=2x2", "skin.rate_hz=10"]
+    assert main(["watch", *words, "skin.bits=5", "skin.range=auto"]) == 0
+    (run,) = [r for r in load_results(connect()) if r.kind == "watch"]
+    assert run["skin.grid"] == "2x2" and "design[grid=2x2" in run["system"]
+    assert (run["values_per_s"], run["bits_per_s"], run["wires"]) == (40, 200, 4)
+    assert {"touches_found", "first_correct", "false_alarms_per_hour", "latency_s_p50"} <= run.metrics.keys()

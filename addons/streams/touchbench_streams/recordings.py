@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -154,6 +155,42 @@ def cut_into_captures(recordings: Recordings) -> Corpus:
         piece=np.zeros(len(starts), dtype=np.int64),
         path=None,
         info=recordings.corpus.info | info,
+    )
+
+
+def convert_recordings(design: Any, captures: Corpus) -> Corpus:
+    """Captures of `cut_into_captures` as a skin of a design measures their recordings.
+
+    A recording is converted as a whole. Captures begin at the nearest frames, and have one at
+    least.
+
+    Raises:
+        InputError: the design cannot be made of the recorded skin, or has too few frames.
+    """
+    firsts = np.array(captures.info[RECORDINGS])
+    whole = captures[firsts].with_fields(lengths=np.add.reduceat(captures.lengths, firsts))
+    converted = design.convert(whole)
+    rate = converted.rate_hz / captures.rate_hz
+    parts = np.split(captures.lengths, firsts[1:])
+    starts, lengths = [], []
+    for first, total, part in zip(converted.starts, converted.lengths, parts, strict=True):
+        place = np.arange(len(part))
+        start = np.round((np.cumsum(part) - part) * rate).astype(np.int64)
+        start = np.maximum.accumulate(start - place) + place
+        start = np.minimum(start, total - len(part) + place)
+        if start[0] < 0:
+            raise InputError(
+                f"skin.rate_hz={design.rate_hz:g}: a recording has {len(part)} touches and gaps, "
+                f"and {total} frames at this rate; give a higher one"
+            )
+        starts.append(first + start)
+        lengths.append(np.diff(start, append=total))
+    return converted.with_fields(
+        starts=np.concatenate(starts),
+        lengths=np.concatenate(lengths),
+        captures=captures.captures,
+        index=captures.index,
+        piece=captures.piece,
     )
 
 

@@ -9,13 +9,15 @@ import pandas as pd
 
 from bench.corpora import synth
 from bench.corpora.corpus import Corpus, shared_frames
-from bench.corpora.library import imported_names, make_once, open_imported
+from bench.corpora.library import imported_names, make_once, open_designed, open_imported
+from bench.corpora.skin import design_of
 from bench.corpora.where import where_mask
 from bench.errors import InputError
 from touchbench_streams import synth_recordings
 from touchbench_streams.recordings import (
     Recordings,
     comes_from_recordings,
+    convert_recordings,
     cut_into_captures,
     drop_doubtful,
     restore_recordings,
@@ -27,8 +29,13 @@ def holds_recordings(name: str) -> bool:
     return name in imported_names() and comes_from_recordings(open_imported(name))
 
 
-def load_recordings(data: str, parameters: dict[str, Any] | None = None, where: str = "") -> Corpus:
-    """Captures of imported recordings, or of ``synth``: touches, background, doubtful stretches."""
+def load_recordings(
+    data: str, parameters: dict[str, Any] | None = None, where: str = "", design: Any = None
+) -> Corpus:
+    """Captures of imported recordings, or of ``synth``: touches, background, doubtful stretches.
+
+    With a design, as that skin measures them.
+    """
     if data == "synth":
         values = parameters or {}
 
@@ -40,6 +47,8 @@ def load_recordings(data: str, parameters: dict[str, Any] | None = None, where: 
         captures = open_imported(data)
     if not comes_from_recordings(captures):
         raise InputError(f"{data} holds captures, not recordings; use bench run data={data}")
+    if design:
+        captures = open_designed(captures, design, convert_recordings)
     if not where:
         return captures
     table = captures.captures.drop(columns="gesture")
@@ -53,7 +62,7 @@ def load_background(name: str, corpus: Corpus) -> Recordings:
     """
     if name not in imported_names():
         raise InputError(f"background={name}: no such recordings are imported; see bench data list")
-    background = restore_recordings(load_recordings(name))
+    background = restore_recordings(load_recordings(name, design=design_of(corpus)))
     if len(background.events):
         raise InputError(
             f"background={name}: it has {len(background.events)} touches; give recordings whose "

@@ -115,7 +115,7 @@ class Continuous(RunKind):
 
         if cell.data != "synth" and not holds_recordings(cell.data):
             return None
-        return load_recordings(cell.data, cell.data_parameters, cell.where)
+        return load_recordings(cell.data, cell.data_parameters, cell.where, cell.design)
 
     def check_plan(self, plan: Plan) -> None:
         """Refuse folds that mix subjects or train on one, and a missing background."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from bench import contract
 from bench.corpora.corpus import Corpus
+from bench.corpora.skin import design_of
 from bench.errors import InputError
 from bench.ground.typed import Values, parse_amount
 from bench.plan.cells import Cell, Part
@@ -80,7 +81,8 @@ class Watching:
     def load_captures(cell: Cell) -> Corpus:
         """Training data of a saved system: captures, or recordings with their background."""
         if holds_recordings(cell.data):
-            return drop_doubtful(load_recordings(cell.data, where=cell.where))
+            recorded = load_recordings(cell.data, where=cell.where, design=cell.design)
+            return drop_doubtful(recorded)
         return captures_of_cell(cell)
 
     @staticmethod
@@ -88,7 +90,8 @@ class Watching:
         """Training data of a fold, and the beginning of a test subject's recording, if any."""
         if not comes_from_recordings(captures):
             return captures[fold.train], None
-        recorded = load_recordings(cell.data, where=cell.where)
+        design = design_of(captures)
+        recorded = load_recordings(cell.data, where=cell.where, design=design)
         is_tested = np.isin(recorded.subjects, captures.subjects[fold.test])
         tested = restore_recordings(recorded[is_tested]).corpus
         return drop_doubtful(recorded[~is_tested]), tested[0][: round(EMULATED_S * tested.rate_hz)]
