@@ -47,6 +47,14 @@ def naive_frames(frames, wired, shape, period, sampling):
     ]
     if sampling == "pick":
         return [merged[floor(k * period)] for k in range(ceil(Fraction(len(frames)) / period))]
+    if sampling == "peak":
+        count, peaks = max(1, floor(Fraction(len(frames)) / period)), []
+        for k in range(count):
+            seen = merged[floor(k * period) : floor((k + 1) * period)]
+            peaks.append(
+                [[max(m[r][c] for m in seen) for c in range(shape[1])] for r in range(shape[0])]
+            )
+        return peaks
     means = []
     for k in range(max(1, floor(Fraction(len(frames)) / period))):
         shares = [overlap(k * period, (k + 1) * period, i, i + 1) for i in range(len(frames))]
@@ -64,9 +72,10 @@ def naive_frames(frames, wired, shape, period, sampling):
 
 def naive_code(value, low, high, bits, curve):
     """The nearest code, the upper of two, of a value on the scale of a curve."""
-    share = min(max((float(value) - low) / (high - low), 0), 1)
-    bent = {"linear": share, "sqrt": share**0.5, "log": np.log1p(255 * share) / np.log(256)}[curve]
-    return floor(bent * (2**bits - 1) + 0.5 + 1e-9)
+    share = min(max((float(value) + 1e-6 * 1023 - low) / (high - low), 0), 1)  # its guard
+    mu = 1000 * (high - low) / 1023
+    bent = {"linear": share, "sqrt": share**0.5, "log": np.log1p(mu * share) / np.log1p(mu)}[curve]
+    return floor(bent * (2**bits - 1) + 0.5)
 
 
 designs = st.fixed_dictionaries(
@@ -115,7 +124,9 @@ def test_codes_are_the_nearest_on_their_curve(bits, curve, ends):
     corpus = ragged([5, 1, 9])
     design = Design(bits=bits, curve=curve, range="-".join(map(str, ends)))
     made, levels = design.convert(corpus), np.arange(2**bits) / (2**bits - 1)
-    decoded = ends[0] + (ends[1] - ends[0]) * CURVES[curve](levels)
+    decoded = ends[0] + (ends[1] - ends[0]) * CURVES[curve](
+        levels, 1000 * (ends[1] - ends[0]) / 1023
+    )
     codes = [naive_code(value, *ends, bits, curve) for value in corpus.frames.ravel()]
     np.testing.assert_allclose(made.frames.ravel(), decoded[codes], rtol=1e-6)
     assert made.info["skin_costs"]["bits"] == bits
