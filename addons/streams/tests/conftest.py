@@ -7,6 +7,14 @@ from addons.streams.tests.people import FEW
 from tests.reports.conftest import quick  # noqa: F401
 
 
+@pytest.fixture(scope="session", autouse=True)
+def folder_of_modules(tmp_path_factory):
+    """Fixtures of a module do not keep detectors in the user's data folder."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TOUCHBENCH_HOME", str(tmp_path_factory.mktemp("home")))
+        yield
+
+
 @pytest.fixture
 def few_gestures(monkeypatch):
     """Generated recordings have a few gestures, so they are short."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,22 +19,20 @@ from bench.models.steps import STEP_MEMORY, Repair
 from touchbench_streams.detectors.base import UNKNOWN, DetectorC, Event
 from touchbench_streams.detectors.detector import (
     Detector,
-    average_into_ticks,
     choose_operating_points,
     count_frames_per_tick,
-    held_out_units,
     read_c_beside,
     run_rules,
-    score_levels,
     sweep_levels,
 )
+from touchbench_streams.detectors.learning import load_or_learn_detector
 from touchbench_streams.detectors.names import (
     LONGEST_S,
     fit_names,
     longest_part,
     name_probabilities,
 )
-from touchbench_streams.detectors.pace import MOST, NO_PACE, Pace, learn_pace, span_features
+from touchbench_streams.detectors.pace import MOST, NO_PACE, Pace, span_features
 from touchbench_streams.detectors.spans import (
     GROWTH,
     Span,
@@ -50,14 +47,11 @@ from touchbench_streams.detectors.status import (
     Health,
     Limits,
     check_frame,
-    learn_limits,
     watch_health,
 )
 from touchbench_streams.events import report_table
 from touchbench_streams.recent import Recent, find_saturated
 from touchbench_streams.recordings import Recordings
-
-FOLDS = "12"  # most folds of training recordings for the choice of the threshold
 
 
 def learn_watcher(
@@ -69,7 +63,7 @@ def learn_watcher(
 ) -> tuple[TickWatcher, pd.DataFrame]:
     """Learn to watch from recordings of training subjects.
 
-    Each subject is left out in turn for the choice of the threshold.
+    The detector is learned once for all systems (`touchbench_streams.detectors.learning`).
 
     Args:
         detector: before training.
@@ -82,31 +76,18 @@ def learn_watcher(
         The watcher, and the sweep of thresholds (`sweep_levels`).
     """
     steps, steps_of_names = steps_of_detector(system), split_causal_steps(system)[0]
-    sensed = replace(recordings, corpus=apply_steps(recordings.corpus, steps)[0])
-    corpus = sensed.corpus
-    if steps != steps_of_names:
-        corpus = apply_steps(recordings.corpus, steps_of_names)[0]
-    count = count_frames_per_tick(detector.tick, corpus.rate_hz)
-    ticks = average_into_ticks(sensed, count)
-    signals = [detector.signals_of(ticks.corpus[i]) for i in range(len(ticks))]
-    others, evidence = detector.fit_held_out(signals, ticks, FOLDS)
-    sweep = sweep_levels(others, recordings, evidence, count, detector.levels)
-    level = float(sweep["level"][score_levels(sweep, false_alarms).idxmax()])
-    names = fit_names(make_system, recordings)
-    fitted = copy(detector).fit(signals, ticks)
-    fitted = fitted.fit_disturbed(others, recordings, steps, level, false_alarms)
-    points = choose_operating_points(sweep, level)
-    signs = [
-        run_rules(one.rules(level), series) for one, series in zip(others, evidence, strict=True)
-    ]
-    longest, units = longest_part(corpus.rate_hz, count), held_out_units(recordings)
-    touches = [find_spans(one, count, longest) for one in signs]
-    pace, paces = learn_pace(corpus, units, touches)
-    limits = learn_limits(recordings.corpus, signs, count, paces, units)
+    learned = load_or_learn_detector(detector, recordings, steps, steps_of_names, false_alarms)
     watcher = TickWatcher(
-        system, names, fitted, level, count, points=points, limits=limits, pace=pace
+        system,
+        fit_names(make_system, recordings),
+        learned.detector,
+        learned.level,
+        count_frames_per_tick(detector.tick, recordings.corpus.rate_hz),
+        points=choose_operating_points(learned.sweep, learned.level),
+        limits=learned.limits,
+        pace=learned.pace,
     )
-    return watcher, sweep
+    return watcher, learned.sweep
 
 
 def steps_of_detector(system: contract.System) -> list[Step]:
