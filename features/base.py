@@ -17,6 +17,7 @@ from bench.features.cache import load_or_extract
 # Values that vary by less are constant up to rounding.
 RELATIVE_ROUNDING = 1e-9  # share of the largest magnitude
 ABSOLUTE_ROUNDING = 1e-15
+SOURCE_LEVELS = ["capture", "copy", "source", "added"]  # of the index of tables; the first two, too
 
 
 def is_constant(X: pd.DataFrame | np.ndarray) -> np.ndarray:
@@ -67,9 +68,9 @@ class FeatureSet(TransformerMixin, BaseEstimator):
         """Table of `extract`, loaded or computed; scikit-learn's set_output does not change it."""
         table = load_or_extract(self, X)
         stored = unblind(X)
-        if not stored.steps:
-            return table
-        return table.set_axis(capture_copy_index(stored.index, stored.piece // COPY))
+        if stored.steps:
+            table = table.set_axis(capture_copy_index(stored.index, stored.piece // COPY))
+        return index_by_source(table, stored)
 
     def cache_identity(self) -> tuple[str, object, type | Callable]:
         """What its values depend on besides captures: name, parameters and code."""
@@ -187,8 +188,41 @@ def capture_copy_index(capture: np.ndarray, copy: np.ndarray) -> pd.MultiIndex:
 
 
 def has_capture_copy_index(X: pd.DataFrame | np.ndarray) -> TypeGuard[pd.DataFrame]:
-    """Return True for a table whose index is capture and copy."""
-    return isinstance(X, pd.DataFrame) and X.index.names == ["capture", "copy"]
+    """Return True for a table whose index has capture and copy."""
+    return isinstance(X, pd.DataFrame) and X.index.names[:2] == SOURCE_LEVELS[:2]
+
+
+def index_by_source(
+    table: pd.DataFrame, X: Corpus, rows: np.ndarray | slice = slice(None)
+) -> pd.DataFrame:
+    """Add the sources of captures of joined corpora to the index; other tables stay.
+
+    Args:
+        table: features.
+        X: captures, not blind.
+        rows: position in ``X`` of the capture of each row.
+    """
+    if not X.is_joined:
+        return table
+    levels = [X.index[rows], X.piece[rows] // COPY]
+    if has_capture_copy_index(table):
+        levels = [table.index.get_level_values(name) for name in SOURCE_LEVELS[:2]]
+    levels += [X.sources[rows], X.is_added[rows]]
+    return table.set_axis(pd.MultiIndex.from_arrays(levels, names=SOURCE_LEVELS))
+
+
+def source_of_rows(X: pd.DataFrame | np.ndarray) -> np.ndarray:
+    """Corpus that each row comes from, str [rows]; without `index_by_source` all the same."""
+    if has_capture_copy_index(X) and "source" in X.index.names:
+        return X.index.get_level_values("source").to_numpy(dtype=object).astype(str)
+    return np.full(len(X), "")
+
+
+def added_rows(X: pd.DataFrame | np.ndarray) -> np.ndarray:
+    """Return True for rows of captures of ``also=``, bool [rows]."""
+    if has_capture_copy_index(X) and "added" in X.index.names:
+        return np.asarray(X.index.get_level_values("added"), dtype=bool)
+    return np.zeros(len(X), dtype=bool)
 
 
 def capture_of_rows(X: pd.DataFrame | np.ndarray) -> np.ndarray:

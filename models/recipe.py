@@ -17,11 +17,17 @@ from bench.corpora.corpus import COPY, Corpus, shared_frames, unblind
 from bench.corpora.faults import usual_faults
 from bench.corpora.windows import Step, Windows
 from bench.errors import InputError, check_value
-from bench.features.base import FeatureSet, capture_copy_index, is_stateless
+from bench.features.base import (
+    FeatureSet,
+    capture_copy_index,
+    index_by_source,
+    is_stateless,
+)
 from bench.features.cache import PIECE_COLUMNS, load_after_steps
 from bench.ground.machine import check_memory
 from bench.ground.registry import parameter_defaults
 from bench.models.by_person import PerPersonPipeline
+from bench.models.by_source import SourceScaler
 from bench.models.most_probable import MostProbable, mean_by_capture
 from bench.models.quantised import BITS, can_quantise, quantise_pipeline
 from bench.models.steps import DamagedCopies, Repair, Scale, TurnedCopies
@@ -52,6 +58,8 @@ class Recipe(MostProbable):
         copies: damaged copies of each training capture, if there are faults.
         turns: further copies of each training capture, on a grid that is mirrored or turned.
         bits: bits of a learnt weight in prediction: 32, or 8 as `bench export` stores them.
+        by_source: True to bring the features of each joined corpus to one mean and SD
+            (`bench.models.by_source`); networks always do.
     """
 
     system: contract.System
@@ -63,6 +71,7 @@ class Recipe(MostProbable):
     copies: int = 3
     bits: int = 32
     turns: int = 0
+    by_source: bool = False
 
     def check(self) -> None:
         """Check the parameters.
@@ -85,6 +94,9 @@ class Recipe(MostProbable):
         is_supported = self.bits == 32 or (is_plain and can_quantise(system.steps[-1][1]))
         advice = "32; reflex, lda, softmax, perceptron, bayes and hughes2017_cnn can have 8"
         check_value("model.bits", self.bits, is_supported, advice)
+        advice = "no, as the system has no feature set of its own"
+        is_possible = not self.by_source or _has_feature_step(system)
+        check_value("model.by_source", "yes", is_possible, advice)
         self.training_steps()
         contract.check_parameters(system)
 
@@ -133,7 +145,7 @@ class Recipe(MostProbable):
 
     def fit_parts(self, parts: Iterable[Corpus]) -> Recipe:
         """Fit to captures that come in parts, of which only features stay in memory if possible."""
-        system, steps = clone(self.system), self.training_steps()
+        system, steps = self._make_system(), self.training_steps()
         if not _has_feature_step(system) or not is_stateless(system.steps[0][1]):
             captures = _join_parts([*parts])
             return self.fit(captures, captures.gestures)
@@ -150,6 +162,13 @@ class Recipe(MostProbable):
         later = Pipeline(later_steps).fit(table, y)
         return self._keep_fitted(Pipeline([(name, features), *later.steps]), rate_hz)
 
+    def _make_system(self) -> contract.System:
+        """A new untrained system, with its scales by source."""
+        system = clone(self.system)
+        if self.by_source:
+            system.steps.insert(1, ("sources", SourceScaler()))
+        return system
+
     def _keep_fitted(self, system: contract.System, rate_hz: float) -> Recipe:
         """Keep the fitted system, and what follows from it."""
         self.system_ = system if self.bits == 32 else quantise_pipeline(system, self.bits)
@@ -162,7 +181,7 @@ class Recipe(MostProbable):
 
     def _fit_system(self, X: Corpus, y: np.ndarray) -> contract.System:
         """Fit the wrapped system, on cached features if there are any."""
-        system, steps = clone(self.system), self.training_steps()
+        system, steps = self._make_system(), self.training_steps()
         if not _has_feature_step(system):
             seen, source = apply_steps(X, steps)
             return contract.fit_system(system, seen, y[source])
@@ -170,6 +189,7 @@ class Recipe(MostProbable):
         stored = load_after_steps(features, X, tuple(steps)) if is_stateless(features) else None
         if stored is not None:
             table, source = select_stored_rows(stored, X.index)
+            table = index_by_source(table, X, source)
             del stored  # it may be large
             features.fit(X)
         else:

@@ -24,6 +24,7 @@ NEGATIVE_SHARE = 0.02  # of full scale; smaller negative readings of a live sens
 COPY = 1 << 40  # a piece is COPY x the number of its copy + its first frame
 RESERVED = {"fold", "capture", "start", "frames", "true", "predicted"}  # columns of predictions
 PROBABILITY = "p_"  # prefix of the columns of probabilities
+SOURCE = "corpus"  # column of joined corpora: where a capture comes from
 NO_ARRAY = "iterate over it: each capture is an array [frames, rows, cols]"
 VISIBLE = ("lengths", "rate_hz", "full_scale", "visible")  # fields that a blind corpus has, too
 
@@ -212,6 +213,26 @@ class Corpus:
                 "rate_hz, full_scale and grid; a system that needs a condition declares it: "
                 "conditions = ('cover',)"
             )
+
+    @property
+    def is_joined(self) -> bool:
+        """True for captures of several corpora."""
+        return "parts" in self.__dict__["_info"]
+
+    @property
+    def sources(self) -> np.ndarray:
+        """Name of the corpus that each capture comes from, str [captures].
+
+        A blind corpus has it: a robot knows its sensor.
+        """
+        if self.is_joined:
+            return self._captures[SOURCE].to_numpy(dtype=object)
+        return np.full(len(self), self.__dict__["_name"], dtype=object)
+
+    @property
+    def is_added(self) -> np.ndarray:
+        """True for captures of ``also=``, which are never tested, bool [captures]."""
+        return np.isin(self.sources.astype(str), self.__dict__["_info"].get("also", []))
 
     def __len__(self) -> int:
         return len(self._starts)

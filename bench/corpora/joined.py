@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bench.corpora.corpus import Corpus
+from bench.corpora.corpus import SOURCE, Corpus
 from bench.corpora.duplicates import describe_capture, shared_captures
 from bench.corpora.spellings import unify_spellings
 from bench.errors import InputError
@@ -143,13 +143,56 @@ def join_corpora(corpora: Sequence[Corpus]) -> Corpus:
     tables = []
     for part in parts:
         subjects = part.name + " " + part.captures["subject"].astype(str)
-        tables.append(part.captures.assign(subject=subjects, corpus=part.name))
+        tables.append(part.captures.assign(subject=subjects, **{SOURCE: part.name}))
     captures = pd.concat(tables, join="inner").drop(columns="split", errors="ignore").astype(str)
     frames, fields = convert_to_common(parts)
     origins = [origin for part in parts for origin in _list_origins(part)]
     info = joint_info(parts) | {"format": "joined", "parts": origins}
     info["warnings"] = [*renamed, *info["warnings"]]
     return Corpus.from_captures(frames, captures, name=name, info=info, **fields)
+
+
+def add_corpora(corpus: Corpus, others: Sequence[Corpus]) -> Corpus:
+    """Captures of a corpus, followed by those of others, which are trained on and never tested.
+
+    The others get its rate, grid and full scale; its own captures keep their values, people and
+    positions. Classes that it lacks are left out. The column ``corpus`` says where a capture comes
+    from, and subjects of the others are named after their corpus.
+
+    Raises:
+        InputError: two corpora have the same recordings, or another one has no class of the first.
+    """
+    names = [other.name for other in others]
+    key = f"also={'+'.join(names)}"
+    for one, other in combinations([corpus, *others], 2):
+        refuse_same_recordings(one, other, key)
+    (corpus, *others), sentences = unify_gestures([corpus, *others])
+    own = corpus.captures if corpus.is_joined else corpus.captures.assign(**{SOURCE: corpus.name})
+    tables, frames = [own.astype(str)], [each.astype(np.float32) for each in corpus]
+    for other in others:
+        used = other[np.isin(other.gestures, corpus.gestures)]
+        sentences += _describe_mixed_gestures(corpus, other)
+        if not len(used):
+            raise InputError(f"{key}: {sentences[-1]}; name another corpus")
+        rows = used.captures.reindex(columns=[*own], fill_value="")
+        subjects = f"{other.name} " + used.captures["subject"].astype(str)
+        tables.append(rows.assign(subject=subjects, **{SOURCE: other.name}).astype(str))
+        frames += convert_captures(used, corpus.rate_hz, corpus.grid, corpus.full_scale)
+    origins = [origin for each in (corpus, *others) for origin in _list_origins(each)]
+    info = corpus.info | {"parts": origins, "also": names, "tested_digest": corpus.digest}
+    info["warnings"] = [*sentences, *corpus.info.get("warnings", [])]
+    captures = pd.concat(tables, ignore_index=True)
+    fields = {"full_scale": corpus.full_scale, "name": corpus.name, "info": info}
+    return Corpus.from_captures(frames, captures, corpus.rate_hz, **fields)
+
+
+def _describe_mixed_gestures(corpus: Corpus, other: Corpus) -> list[str]:
+    """A sentence on gestures that only one of a corpus and an added one has, if there are any."""
+    lacking = sorted({*corpus.gestures} - {*other.gestures})
+    unused = sorted({*other.gestures} - {*corpus.gestures})
+    parts = [f"has no capture of {', '.join(lacking)}"] * bool(lacking)
+    parts += [f"its captures of {', '.join(unused)} are left out"] * bool(unused)
+    return [f"{other.name} {' and '.join(parts)}"] * bool(parts)
 
 
 def unify_gestures(corpora: Sequence[Corpus]) -> tuple[list[Corpus], list[str]]:

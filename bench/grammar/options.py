@@ -60,6 +60,10 @@ SKIN = _run_option(
     "{skins}: a smaller skin than recorded, of grid=, rate_hz=, bits=, range=, curve=, taxels= and "
     "sampling=, such as skin.grid=4x4; bench run skin=design --help explains them",
 )
+ALSO = _run_option(
+    "also",
+    "imported corpora, joined by +, whose people are in every training fold and never tested",
+)
 SEED = Option(
     "seed",
     "count",
@@ -73,9 +77,9 @@ BATCH = Option(
 DRY = Option(
     "dry", "yes", False, "yes: only say which runs are stored and how long the others take"
 )
-FIT_OPTIONS = (DATA, WHERE, TARGET, SKIN, MODEL, FEATURES, SEED)  # of training on all captures
+FIT_OPTIONS = (DATA, WHERE, TARGET, ALSO, SKIN, MODEL, FEATURES, SEED)  # of training on all
 CELL_OPTIONS = (DATA, WHERE, TARGET, PROTOCOL, MODEL, FEATURES)  # of a run
-RUN_OPTIONS = (*CELL_OPTIONS, SKIN, SEED, JOBS)
+RUN_OPTIONS = (*CELL_OPTIONS, ALSO, SKIN, SEED, JOBS)
 STORED_OPTIONS = (  # that select stored runs
     *CELL_OPTIONS,
     Option(

@@ -25,6 +25,7 @@ DEFAULTS = {  # of the keys of a run
     "where": "",
     "target": "gesture",
     "skin": "design",
+    "also": "none",
 }
 # A small system that is accurate on real touch, for examples and hints
 SMALL_SYSTEM = "model=lda features=touch model.window=1.0 model.repair=stuck+dead"

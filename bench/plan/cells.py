@@ -150,6 +150,7 @@ class Cell:
     model: Part
     tuning: Tuning | None = None
     skin: Part | None = None  # None for the recorded one
+    also: str = ""  # corpora that are in every training fold and never tested, joined by +
     circumstances: tuple[Any, ...] = ()
     run_kind: Any = None
 
@@ -193,13 +194,14 @@ class Cell:
         return self.skin.make_object() if self.skin else None
 
     def system_name(self) -> str:
-        """Model, feature set and a designed skin, as tables name them."""
+        """Model, feature set, a designed skin and added people, as tables name them."""
         model = str(self.model)
         if self.tuning:
             model = f"tuned {self.model.short_name}[{_describe_search(self.tuning)}]"
         features = self.features.label(self._features_seed) if self.features else ""
         skin = str(self.skin) if self.skin else ""
-        return " · ".join(filter(None, [model, features, skin]))
+        also = f"also {self.also}" if self.also else ""
+        return " · ".join(filter(None, [model, features, skin, also]))
 
     def title(self) -> str:
         """System, data and protocol: the name of the run."""
@@ -280,6 +282,8 @@ class Cell:
             values["where"] = self.where
         if self.target != DEFAULTS["target"]:
             values["target"] = self.target
+        if self.also:
+            values["also"] = self.also
         parts = {"skin": self.skin, "protocol": self.protocol}
         parts |= {"model": self.model, "features": self.features}
         for key, part in parts.items():

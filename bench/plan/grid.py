@@ -37,16 +37,17 @@ def make_cells(values: Values) -> list[Cell]:
             systems.append(([None], variants))
     skins = _make_skins(values, listed["skin"])
     cells: dict[str, Cell] = {}
-    for data, where, target, protocol in itertools.product(
-        *(listed[key] for key in ("data", "where", "target", "protocol"))
+    for data, where, target, also, protocol in itertools.product(
+        *(listed[key] for key in ("data", "where", "target", "also", "protocol"))
     ):
+        added = "" if also == DEFAULTS["also"] else also
         corpora = expand_corpus_parameters(values, data, listed["data"])
         protocols = make_part_variants(values, "protocol", protocol, listed["protocol"])
         for sets, variants in systems:
             for combination in itertools.product(corpora, skins, protocols, sets, variants):
                 data_parameters, skin, protocol_part, features_part, model_part = combination
                 parts = protocol_part, features_part, model_part
-                cell = Cell(data, data_parameters, where, target, *parts, skin=skin)
+                cell = Cell(data, data_parameters, where, target, *parts, skin=skin, also=added)
                 cells.setdefault(f"{cell!r} {[*map(id, cell.objects)]}", cell)
     return [*cells.values()]
 

@@ -25,6 +25,7 @@ from bench.errors import InputError, one_line
 from bench.features.base import FunctionFeatures
 from bench.ground.typed import quote_value
 from bench.plan.cells import Cell
+from bench.plan.splits import Splitter
 from bench.values.result import CAPTURES_TAG, IMPORTS_TAG
 
 MOST_STORED = 8000  # characters of all arguments of a run, as MLflow stores them in one tag
@@ -59,6 +60,12 @@ class Plan:
     threads: int  # of each process
 
     @cached_property
+    def tested(self) -> Corpus:
+        """The captures without those that are only in training."""
+        is_added = self.corpus.is_added
+        return self.corpus[~is_added] if is_added.any() else self.corpus
+
+    @cached_property
     def mixes_subjects(self) -> bool:
         """True if a fold trains and tests on the same subject: optimistic for a new person."""
         return mixes_subjects(self.corpus, self.folds)
@@ -76,7 +83,7 @@ class Plan:
         own_label = getattr(self.cell.splitter, "label", None)
         if own_label is None:
             return f"{part}, subjects mixed" if self.mixes_subjects else str(part)
-        words, seed = own_label(self.corpus), part.changed_parameters().get("seed")
+        words, seed = own_label(self.tested), part.changed_parameters().get("seed")
         if seed is None or re.search(rf"\bseed {seed}\b", words):
             return words
         return f"{words}, seed {seed}"
@@ -85,14 +92,14 @@ class Plan:
     def facts(self) -> dict[str, str]:
         """Properties of captures and protocol, for tables; ``""`` for missing ones."""
         published = getattr(self.cell.splitter, "official_split", None)
-        official = published(self.corpus) if published else None
+        official = published(self.tested) if published else None
         ratio = ratio_of_test_to_training(self.folds)
         return {
             "mixes_subjects": str(self.mixes_subjects).lower(),
             "test_over_train": "" if ratio is None else repr(ratio),
             "official_split": "" if official is None else str(official).lower(),
             IMPORTS_TAG: import_digests(self.cell.data),
-            CAPTURES_TAG: captures_digest(self.corpus),
+            CAPTURES_TAG: captures_digest(self.tested),
         }
 
     def with_cell(self, cell: Cell) -> Plan:
@@ -145,8 +152,9 @@ def make_plans(cells: Iterable[Cell], jobs: int | None) -> list[Plan]:
     first_plans: dict[tuple, Plan] = {}
     for cell in cells:
         estimator, protocol = check_system(cell), cell.protocol
-        captures = cell.data, repr(cell.data_parameters), cell.where, cell.target, cell.kind
-        group = *captures, repr(cell.skin), repr(protocol), protocol.module, id(protocol.instance)
+        captures = cell.data, repr(cell.data_parameters), cell.where, cell.target, cell.also
+        tested_by = repr(protocol), protocol.module, id(protocol.instance)
+        group = *captures, cell.kind, repr(cell.skin), *tested_by
         is_first = group not in first_plans
         corpus = captures_of_cell(cell) if is_first else first_plans[group].corpus
         contract.check_conditions(estimator, corpus)
@@ -246,10 +254,13 @@ def captures_of_cell(cell: Cell) -> Corpus:
     Raises:
         InputError: they have fewer than two classes.
     """
+    joined = getattr(cell.splitter, "joined", None)
+    if cell.also:
+        _check_added(cell, bool(joined))
     if cell.run_kind and (own := cell.run_kind.open_captures(cell)) is not None:
         return own
-    corpus = load_captures(cell.data, cell.data_parameters, cell.where, cell.target, cell.design)
-    joined = getattr(cell.splitter, "joined", None)
+    captures = cell.data, cell.data_parameters, cell.where, cell.target, cell.design, cell.also
+    corpus = load_captures(*captures)
     corpus = joined(corpus) if joined else corpus
     if len(set(corpus.gestures)) < 2:
         where = f" where={quote_value(cell.where)}" if cell.where else ""
@@ -260,15 +271,39 @@ def captures_of_cell(cell: Cell) -> Corpus:
     return corpus
 
 
+def _check_added(cell: Cell, has_own_captures: bool) -> None:
+    """Refuse `also=` where its captures cannot be in training alone."""
+    conflicts = {
+        f"bench {cell.command}": cell.run_kind is not None,
+        "skin.": cell.design is not None,
+        f"target={cell.target}": cell.target != "gesture",
+        f"protocol={cell.protocol}": has_own_captures,
+    }
+    for key, is_conflict in conflicts.items():
+        if is_conflict:
+            raise InputError(f"also= and {key} exclude each other; leave one of them out")
+
+
 def load_captures(
-    data: str, parameters: dict[str, object], where: str, target: str, design: Any = None
+    data: str,
+    parameters: dict[str, object],
+    where: str,
+    target: str,
+    design: Any = None,
+    also: str = "",
 ) -> Corpus:
     """Load the captures of a corpus that satisfy a condition, with the classes of a target.
 
-    With a design, as that skin measures them (`bench.corpora.skin`).
+    With a design, as that skin measures them (`bench.corpora.skin`). With ``also``, captures of
+    other corpora with the same classes follow, which are in training alone.
     """
-    corpus = open_corpus(data, parameters, design)
-    corpus = corpus.select(where) if where else corpus
+    corpus = open_corpus(data, parameters, design, also)
+    if where and also:
+        tested = corpus[~corpus.is_added].select(where)
+        is_used = corpus.is_added & np.isin(corpus.gestures, tested.gestures)
+        corpus = corpus[is_used | np.isin(corpus.index, tested.index)]
+    elif where:
+        corpus = corpus.select(where)
     return corpus if target == "gesture" else corpus.with_target(target)
 
 
@@ -284,10 +319,9 @@ def make_folds(cell: Cell, corpus: Corpus) -> list[Fold]:
     gestures, subjects = corpus.gestures, corpus.subjects
     with warnings.catch_warnings():  # of a splitter that needs no subjects
         warnings.filterwarnings("ignore", "The groups parameter is ignored by")
-        splits: Iterable[Any] = cell.splitter.split(corpus, gestures, subjects)
         folds = [
             Fold("", _as_positions(train), _as_positions(test), *pairs)
-            for train, test, *pairs in splits
+            for train, test, *pairs in split_captures(cell.splitter, corpus)
         ]
     names = numbers = [f"fold{i + 1:02d}" for i in range(len(folds))]
     if not mixes_subjects(corpus, folds):
@@ -309,6 +343,20 @@ def make_folds(cell: Cell, corpus: Corpus) -> list[Fold]:
                 f"{leave_out * ('+' not in corpus.target)}choose another protocol"
             )
     return folds
+
+
+def split_captures(splitter: Splitter, corpus: Corpus) -> Iterable[Any]:
+    """Folds of a splitter; captures of `also=` are in training in each, and are not split."""
+    if not corpus.is_added.any():
+        return splitter.split(corpus, corpus.gestures, corpus.subjects)
+    own, added = np.flatnonzero(~corpus.is_added), np.flatnonzero(corpus.is_added)
+    tested, splits = corpus[own], []
+    folds: Iterable[Any] = splitter.split(tested, tested.gestures, tested.subjects)
+    for train, test, *further in folds:
+        sides = np.concatenate([own[train], added]), own[test]
+        pairs = ([(own[shots], own[judged]) for shots, judged in each] for each in further)
+        splits.append((*sides, *pairs))
+    return splits
 
 
 def _as_positions(side: np.ndarray) -> np.ndarray:

@@ -29,7 +29,7 @@ TAGS = {  # columns of a candidate that repeat a tag of its run of the lowest se
 }
 EACH_GESTURE = Reactions()
 # Keys of a run that other commands repeat.
-REPEATED_KEYS = ("data", "where", "target", "skin", "protocol", "model", "features", "seed")
+REPEATED_KEYS = ("data", "where", "target", "also", "skin", "protocol", "model", "features", "seed")
 Way = list[tuple[Candidate, Result]]  # one way in which a system labels, for each seed
 
 

@@ -23,7 +23,7 @@ from sklearn.linear_model import Ridge
 from bench import contract
 from bench.corpora.corpus import Corpus, shared_frames, untrained_classes
 from bench.ground.timing import Times, time_repeatedly
-from bench.models.search.inner_folds import split_subjects
+from bench.models.search.inner_folds import split_tested_subjects
 from bench.running.fitted import FittedFold
 from bench.running.fold import (
     TIMED_CAPTURES,
@@ -279,10 +279,10 @@ class Stopping:
 
 def why_unlearnable(system: contract.System, corpus: Corpus) -> str:
     """Return why no `Stopping` can be learned from training captures; "" if it can."""
-    gestures, subjects = corpus.gestures, corpus.subjects.astype(str)
-    if len(set(subjects)) < 2:
+    gestures = corpus.gestures
+    if len(set(corpus.subjects[~corpus.is_added])) < 2:
         return "only one subject trains"
-    for inner, judged in split_subjects(subjects, INNER):
+    for inner, judged in split_tested_subjects(corpus, INNER):
         if len(set(gestures[inner])) < 2:
             return "leaving subjects out leaves one class"
         if lacking := untrained_classes(gestures, inner, judged):
@@ -308,7 +308,7 @@ def learn_stopping_rule(
     touch = skip_to_start(part, replay.start)
     instants = decision_instants(replay, int(touch.lengths.max()), rate_hz)
     tables = []
-    for number, (inner, judged) in enumerate(split_subjects(part.subjects.astype(str), INNER)):
+    for number, (inner, judged) in enumerate(split_tested_subjects(part, INNER)):
         system = contract.fit_system(make_system(), part[inner], part.gestures[inner])
         tables.append(replay_captures(system, touch, str(number), judged, instants))
     table = pd.concat(tables, ignore_index=True)

@@ -23,6 +23,7 @@ import numpy as np
 import pandas as pd
 
 from bench import contract
+from bench.corpora.library import compared_digest
 from bench.errors import InputError
 from bench.ground.digests import DIGITS, append_digest, split_digest
 from bench.ground.machine import Machine
@@ -69,9 +70,9 @@ def run_params(plan: Plan) -> dict[str, str]:
         "data": cell.data,
         "where": cell.where or "all",
         "target": cell.target,
-        # Designs of the skin are compared, so they have the digest of what was recorded
-        "corpus_digest": plan.corpus.info.get("recorded", {}).get("digest", plan.corpus.digest),
+        "corpus_digest": compared_digest(plan.corpus),
     }
+    params |= {"also": cell.also} if cell.also else {}
     params |= _with_prefix("data", cell.data_parameters)
     for name, part in (("skin", cell.skin), ("features", cell.features), ("model", cell.model)):
         if part:

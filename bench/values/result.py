@@ -44,6 +44,7 @@ MIXED_NOTE = (
 JOINED_NOTE = (
     "Whether a person is in more than one of the joined corpora is unknown; each counts as another."
 )
+ALSO_MARK = "\N{MIDDLE DOT} also "  # in the name of a system that learns from other corpora, too
 LABELS_TABLE = "labels"  # labels in the cases of circumstances
 FOLD_COUNTS = ("folds", "folds_failed")  # numbers that every result has
 KEPT_ROWS = 1000  # a table of a run stays in memory if it has at most so many rows
@@ -58,7 +59,7 @@ def footnotes_of_system(system: str, data: str) -> list[str]:
     notes = [note for _, (corpus, note) in _notes_by_design(system) if corpus in corpora]
     return [
         *dict.fromkeys(notes),
-        *[JOINED_NOTE] * ("+" in data),
+        *[JOINED_NOTE] * ("+" in data or ALSO_MARK in system),
         *[BATCH_NOTE] * system.endswith(BATCH_MARK),
     ]
 

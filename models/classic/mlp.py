@@ -12,6 +12,7 @@ from sklearn.neural_network import MLPClassifier
 from sklearn.pipeline import Pipeline
 
 from bench.errors import check_value
+from bench.models.by_source import SourceScaler
 from bench.models.classic.scaling import RangeScaler, ZScaler
 from bench.models.most_probable import MostProbable
 
@@ -102,7 +103,14 @@ def mlp(
     check_value("model.scaling", scaling, scaling in ("range", "z"), "range or z")
     scaler = RangeScaler((-1, 1)) if scaling == "range" else ZScaler()
     network = EarlyStoppedNet(units, held, patience, runs, seed)
-    return Pipeline([("features", features), ("scaler", scaler), ("classifier", network)])
+    return Pipeline(
+        [
+            ("features", features),
+            ("sources", SourceScaler()),
+            ("scaler", scaler),
+            ("classifier", network),
+        ]
+    )
 
 
 mlp.space = {"layers": ["27", "54", "54+27", "108+54"], "scaling": ["range", "z"]}

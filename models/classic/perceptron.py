@@ -11,7 +11,8 @@ from sklearn.base import TransformerMixin
 from sklearn.pipeline import Pipeline
 
 from bench.errors import check_value
-from bench.features.base import is_constant, undamaged_rows
+from bench.features.base import added_rows, is_constant, source_of_rows, undamaged_rows
+from bench.models.by_source import SourceScaler, weigh_added
 from bench.models.most_probable import MostProbable
 from bench.models.space import Range
 
@@ -26,7 +27,7 @@ class Perceptron(MostProbable):
     """Standardised and clipped features, one layer of rectified units, a softmax.
 
     Batches are drawn with the weights of the rows as probabilities, so their number does not grow
-    with the copies.
+    with the copies. Features of joined corpora are scaled by source (`bench.models.by_source`).
 
     Args:
         units: number of units in the hidden layer.
@@ -42,6 +43,7 @@ class Perceptron(MostProbable):
         classes_: class names.
         coefs_: [features, units] and [units, classes], float32.
         intercepts_: [units] and [classes], float32.
+        scales_: scales by source.
         mean_, scale_: mean and scale of the features, float32 [features].
     """
 
@@ -64,7 +66,10 @@ class Perceptron(MostProbable):
         self.n_features_in_ = Z.shape[1]
         if infinite := int((~np.isfinite(Z)).sum()):
             raise ValueError(f"{infinite} values of training features are not finite")
+        self.scales_ = SourceScaler().fit(X).scales_
+        Z = self.scales_.apply(Z, source_of_rows(X))
         row_weights = np.where(undamaged_rows(X), 1.0, self.damaged)
+        row_weights = weigh_added(row_weights, added_rows(X))
         shares = row_weights / row_weights.sum()
         self.mean_ = (shares @ Z).astype(np.float32)
         squares = Z - self.mean_
@@ -114,7 +119,8 @@ class Perceptron(MostProbable):
 
     def hidden_activations(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
         """Rectified units [rows, units], in double precision so that other rows do not matter."""
-        inputs = self._standardise(np.asarray(X, dtype=np.float32)).astype(np.float64)
+        Z = self.scales_.apply(np.asarray(X, dtype=np.float32), source_of_rows(X))
+        inputs = self._standardise(Z).astype(np.float64)
         return np.maximum(inputs @ self.coefs_[0] + self.intercepts_[0], 0)
 
     def predict_proba(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:

@@ -12,6 +12,7 @@ from bench.corpora.corpus import Corpus
 from bench.corpora.windows import Windows
 from bench.errors import InputError, check_value
 from bench.features.touch import SIGNALS, STEP_SIGNALS, frame_signals
+from bench.models.by_source import NO_SCALES, SourceScales, count_batches, learn_scales
 from bench.models.nets.training import Dropout, Optimiser, upload
 from bench.models.nets.window import WindowNet
 
@@ -31,22 +32,31 @@ class SignalWindows:
         hop: frames from one window's start to the next.
         is_random: True for training windows: PyTorch draws start and length, and whether the skin
             is mirrored or has its rows and columns exchanged.
+        scales: scales of the signals by source.
 
     Attributes are those of `bench.models.nets.training.Windows`, and ``values``, float32 [frames,
     signals].
     """
 
-    def __init__(self, corpus: Corpus, frames: int, hop: int, is_random: bool = False) -> None:
+    def __init__(
+        self,
+        corpus: Corpus,
+        frames: int,
+        hop: int,
+        is_random: bool = False,
+        scales: SourceScales = NO_SCALES,
+    ) -> None:
         counts = np.maximum(corpus.lengths - frames, 0) // hop + 1
         self.capture = np.repeat(np.arange(len(corpus)), counts)
         first = np.repeat(np.cumsum(counts) - counts, counts)
         self.start = (np.arange(counts.sum()) - first) * hop
         self.seen = np.minimum(frames, corpus.lengths[self.capture])
         self.steps = np.ones(len(self.capture), dtype=np.int64)
-        values = [_capture_signals(corpus[int(i)], corpus.full_scale) for i in range(len(corpus))]
-        self.values = torch.from_numpy(np.concatenate(values))
+        values = scales.apply(_all_signals(corpus), np.repeat(corpus.sources, corpus.lengths))
+        self.values = torch.from_numpy(values)
         self._begin = torch.from_numpy((np.cumsum(corpus.lengths) - corpus.lengths)[self.capture])
         self._length = torch.from_numpy(corpus.lengths[self.capture])
+        self.is_added = corpus.is_added[self.capture]
         self._frames, self._hop, self._is_random = frames, hop, is_random
 
     def __len__(self) -> int:
@@ -79,6 +89,11 @@ class SignalWindows:
         index = (first[:, None] + torch.arange(int(seen.max()))).clamp(max=len(self.values) - 1)
         device = self.values.device
         return self.values[upload(index, device)], upload(seen, device)
+
+
+def _all_signals(corpus: Corpus) -> np.ndarray:
+    """Signals of all captures, float32 [frames, signals]."""
+    return np.concatenate([_capture_signals(frames, corpus.full_scale) for frames in corpus])
 
 
 def _capture_signals(frames: np.ndarray, full_scale: float) -> np.ndarray:
@@ -124,6 +139,8 @@ class TouchNet(WindowNet):
         seconds, batch, seed, device: see `WindowNet`; ``batch`` windows per update.
     """
 
+    stacks = True
+
     seconds: float = 1.0
     width: int = 16
     kernel: int = 9
@@ -151,11 +168,19 @@ class TouchNet(WindowNet):
 
     def samples(self, corpus: Corpus) -> SignalWindows:
         """Windows, one every half window."""
-        return SignalWindows(corpus, self.window, (self.window + 1) // 2)
+        return SignalWindows(corpus, self.window, (self.window + 1) // 2, scales=self.scales_)
 
     def training_samples(self, corpus: Corpus) -> SignalWindows:
         """Windows that are drawn anew in every batch."""
-        return SignalWindows(corpus, self.window, (self.window + 1) // 2, is_random=True)
+        return SignalWindows(corpus, self.window, (self.window + 1) // 2, True, self.scales_)
+
+    def learn_scales(self, X: Corpus) -> SourceScales:
+        """Scales of the signals by source."""
+        return learn_scales(X, _all_signals)
+
+    def at_one_scale(self, X: Corpus) -> Corpus:
+        """The captures as they are, since `SignalWindows` scales their signals."""
+        return X
 
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
         """Network of 4 to 40 thousand parameters on any grid."""
@@ -173,12 +198,12 @@ class TouchNet(WindowNet):
 
     def epoch_limit(self, samples: SignalWindows) -> int:
         """Number of whole passes with at least ``updates`` batches."""
-        return -(-self.updates // max(len(samples) // self.batch, 1))
+        return -(-self.updates // count_batches(samples.is_added, self.batch))
 
     def optimiser(self, net: nn.Module, samples: SignalWindows) -> OneCycle:
         """AdamW with one cycle of the rate."""
         adam = torch.optim.AdamW(net.parameters(), self.rate, weight_decay=WEIGHT_DECAY)
-        steps = self.epoch_limit(samples) * max(len(samples) // self.batch, 1)
+        steps = self.epoch_limit(samples) * count_batches(samples.is_added, self.batch)
         return OneCycle(adam, self.rate, steps)
 
 

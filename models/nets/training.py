@@ -11,15 +11,18 @@ from __future__ import annotations
 import weakref
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
-from copy import copy
+from copy import copy, deepcopy
 from dataclasses import dataclass
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from torch import nn
+from torch.func import functional_call, vmap
 
 from bench.corpora.corpus import Corpus, shared_frames
+from bench.models.by_source import draw_batches
 
 
 class Windows:
@@ -41,6 +44,7 @@ class Windows:
         seen: int64 [windows], frames of the capture in the window; fewer than ``frames`` where it
             is padded.
         steps: int64 [windows], decisions of a network on each: one.
+        is_added: bool [windows], True for windows of captures of ``also=``.
     """
 
     def __init__(self, corpus: Corpus, frames: int, hop: int, padding: str = "zero") -> None:
@@ -54,6 +58,7 @@ class Windows:
         self.padding = padding
         self.grid = corpus.grid
         stored, starts = shared_frames(corpus)
+        self.is_added = corpus.is_added[self.capture]
         self._begin = starts[self.capture] + self.start
         self._stored = stored
         self._values = stored.reshape(len(stored), -1)
@@ -139,6 +144,7 @@ class Sequences:
         self.steps = np.diff(self._first, append=len(windows))
         last = self._first + self.steps - 1
         self.capture = windows.capture[self._first]
+        self.is_added = windows.is_added[self._first]
         self.start = windows.start[self._first]
         self.seen = windows.start[last] + windows.seen[last] - self.start
 
@@ -164,7 +170,7 @@ class Sequences:
 
 
 Samples = Windows | Sequences
-Forward = Callable[[object], torch.Tensor]
+Forward = Callable[[Callable, object], torch.Tensor]
 History = list[dict[str, float]]
 
 
@@ -213,7 +219,7 @@ class Training:
         target: int64 [samples], class of each.
         optimiser: optimiser of the parameters of ``net``.
         schedule: epochs, batches, and when to stop.
-        forward: a faster way to compute ``net(x)`` (`WindowNet.compute_logits`).
+        forward: maps ``net`` and a batch x to ``net(x)`` (`WindowNet.compute_logits`).
         judge: measures the accuracy on held-out captures; the first epoch with the highest one is
             kept. The loss may then become infinite.
     """
@@ -246,8 +252,7 @@ class Training:
         batch = min(schedule.batch, len(self.samples))
         for epoch in range(schedule.epochs):
             net.train()
-            order = generator.permutation(len(self.samples))
-            batches = order[: len(self.samples) // batch * batch].reshape(-1, batch)
+            batches = draw_batches(generator, self.samples.is_added, batch)
             steps = [Step(self, rows) for rows in batches]
             yield from optimiser.before_epoch(epoch, steps)
             losses = []
@@ -284,7 +289,7 @@ class Training:
         """Train on the samples of some rows; return their previous loss."""
         self.optimiser.zero_grad()
         x, expected = self.make_batch(rows)
-        loss = self.measure_loss(self.forward(x), expected)
+        loss = self.measure_loss(self.forward(self.net, x), expected)
         loss.backward()
         self.optimiser.step()
         return loss.detach()
@@ -294,12 +299,57 @@ class Training:
         smoothing = self.schedule.smoothing
         return nn.functional.cross_entropy(logits, expected, label_smoothing=smoothing)
 
+    @cached_property
+    def parameters(self) -> dict[str, torch.Tensor]:
+        """The parameters of the network by name, without their gradients."""
+        return {name: p.detach() for name, p in self.net.named_parameters()}
+
+    @cached_property
+    def buffers(self) -> dict[str, torch.Tensor]:
+        """What the network holds besides its parameters, by name."""
+        return dict(self.net.named_buffers())
+
+    @cached_property
+    def structure(self) -> nn.Module:
+        """The network without values, in training; it computes with those of any of its shape."""
+        structure = deepcopy(self.net).to("meta").train()
+        for layer in structure.modules():
+            if isinstance(layer, Dropout):
+                layer.factors = torch.empty(0, device="meta")
+        return structure
+
 
 class Step(NamedTuple):
     """A batch of a training, by the rows of its samples."""
 
     training: Training
     rows: np.ndarray
+
+    def draw_batch(self) -> Batch:
+        """Draw all that is random in this step."""
+        x, expected = self.training.make_batch(self.rows)
+        factors = {
+            f"{name}.factors": upload(
+                layer.draw_factors((len(self.rows), *layer.shape)), self.training.device
+            )
+            for name, layer in self.training.net.named_modules()
+            if isinstance(layer, Dropout)
+        }
+        return Batch(self.training, x, expected, factors)
+
+
+class Batch(NamedTuple):
+    """Tensors of a step."""
+
+    training: Training
+    x: Any  # a tensor or several
+    expected: torch.Tensor  # class of each decision
+    factors: dict[str, torch.Tensor]  # of each dropout
+
+    @property
+    def shape(self) -> tuple[torch.Size, ...]:
+        """Shapes of the tensors; batches of equal shape are learnt in one pass."""
+        return tuple(tensor.shape for tensor in (*as_tuple(self.x), self.expected))
 
 
 Steps = Generator[Step, torch.Tensor, None]
@@ -314,6 +364,98 @@ def train_alone(steps: Generator[Step, torch.Tensor, Any], seed: int) -> Any:
                 step = steps.send(step.training.learn(step.rows))
         except StopIteration as e:
             return e.value
+
+
+def train_together(
+    trainings: Sequence[Generator[Step, torch.Tensor, Any]], seeds: Sequence[int]
+) -> list[Exception | None]:
+    """Take the steps of several trainings side by side, those of equal shape in one pass.
+
+    Each has the random numbers of its own seed, as in `train_alone`.
+
+    Returns:
+        Why each training failed; None for one that did not.
+    """
+    failures: list[Exception | None] = [None] * len(trainings)
+    draws = [Draws(seed) for seed in seeds]
+    stack = Stack(len(trainings))
+    losses: dict[int, Any] = dict.fromkeys(range(len(trainings)))
+    while losses:
+        groups: dict[tuple, dict[int, Batch]] = {}
+        for place, loss in losses.items():
+            try:
+                with draws[place].resume():
+                    batch = trainings[place].send(loss).draw_batch()
+            except StopIteration:
+                continue
+            except Exception as e:
+                failures[place] = e
+                continue
+            groups.setdefault(batch.shape, {})[place] = batch
+        losses = {}
+        for batches in groups.values():
+            for place, loss in zip(batches, stack.learn([*batches.values()]), strict=True):
+                if isinstance(loss, Exception):
+                    failures[place] = loss
+                else:
+                    losses[place] = loss
+    return failures
+
+
+@dataclass
+class Stack:
+    """Networks of one shape that learn in one pass, as many as the memory of the device holds."""
+
+    most: int  # networks in a pass
+
+    def learn(self, batches: Sequence[Batch]) -> list[torch.Tensor | Exception]:
+        """Train on a batch of each network; return their previous losses, or why they failed."""
+        losses: list[torch.Tensor | Exception] = []
+        while len(losses) < len(batches):
+            part = batches[len(losses) : len(losses) + self.most]
+            try:
+                losses += learn_together(part)
+            except Exception as e:
+                if isinstance(e, torch.OutOfMemoryError) and len(part) > 1:
+                    self.most = len(part) // 2
+                else:
+                    losses += [e] * len(part)
+        return losses
+
+
+def learn_together(batches: Sequence[Batch]) -> list[torch.Tensor]:
+    """Train networks of one shape in one pass, each on its batch; return their previous losses."""
+    trainings = [batch.training for batch in batches]
+    first = trainings[0]
+    parameters = _stack_tensors([training.parameters for training in trainings])
+    for stacked in parameters.values():
+        stacked.requires_grad_()
+    buffers = _stack_tensors([training.buffers for training in trainings])
+    factors = _stack_tensors([batch.factors for batch in batches])
+    inputs = tuple(map(torch.stack, zip(*(as_tuple(batch.x) for batch in batches), strict=True)))
+
+    def measure_loss(
+        values: dict[str, torch.Tensor], x: tuple[torch.Tensor, ...], expected: torch.Tensor
+    ) -> torch.Tensor:
+        net = partial(functional_call, first.structure, values)
+        logits = first.forward(lambda x: net((x,)), x if len(x) > 1 else x[0])
+        return first.measure_loss(logits, expected)
+
+    expected = torch.stack([batch.expected for batch in batches])
+    losses = vmap(measure_loss)(parameters | buffers | factors, inputs, expected)
+    gradients = torch.autograd.grad(losses.sum(), [*parameters.values()])
+    for place, training in enumerate(trainings):
+        for p, gradient in zip(training.net.parameters(), gradients, strict=True):
+            p.grad = gradient[place]
+        training.optimiser.step()
+        for name, value in training.buffers.items():
+            value.copy_(buffers[name][place])
+    return [*losses.detach()]
+
+
+def _stack_tensors(nets: Sequence[dict[str, torch.Tensor]]) -> dict[str, torch.Tensor]:
+    """Tensors of several networks by name, stacked along a new first axis."""
+    return {name: torch.stack([tensors[name] for tensors in nets]) for name in nets[0]}
 
 
 class Draws:
@@ -352,6 +494,11 @@ def to_device(batch: object, device: torch.device) -> object:
     return batch.to(device)
 
 
+def as_tuple(batch: Any) -> tuple[torch.Tensor, ...]:
+    """The tensors of a batch, which is one or several."""
+    return batch if isinstance(batch, tuple) else (batch,)
+
+
 def predict_samples(net: nn.Module, samples: Samples, batch: int, forward: Forward) -> np.ndarray:
     """Softmax of the logits of every decision, float32 [decisions, classes]."""
     net.eval()
@@ -359,12 +506,21 @@ def predict_samples(net: nn.Module, samples: Samples, batch: int, forward: Forwa
     with torch.inference_mode():
         for first in range(0, len(samples), batch):
             rows = np.arange(first, min(first + batch, len(samples)))
-            parts.append(forward(samples.make_batch(rows)).softmax(dim=1))
+            parts.append(forward(net, samples.make_batch(rows)).softmax(dim=1))
     return torch.cat(parts).cpu().numpy()
 
 
 class Dropout(nn.Dropout):
-    """Dropout that draws on the processor: equal factors on every device."""
+    """Dropout that draws on the processor: equal factors on every device.
+
+    Attributes:
+        factors: of the inputs, if they are drawn beforehand.
+        shape: of the inputs of one sample, in the last pass.
+    """
+
+    def __init__(self, p: float) -> None:
+        super().__init__(p)
+        self.register_buffer("factors", None)
 
     def draw_factors(self, shape: Sequence[int]) -> torch.Tensor:
         """Factors of inputs: zeros, and what keeps their mean."""
@@ -372,7 +528,9 @@ class Dropout(nn.Dropout):
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         """Multiply the inputs by drawn factors, in training."""
-        self.shape = x.shape[1:]  # of the inputs of one sample
+        if self.factors is not None:
+            return x * self.factors
+        self.shape = x.shape[1:]
         if x.is_cpu or not self.training:
             return super().forward(x)
         return x * upload(self.draw_factors(x.shape), x.device)

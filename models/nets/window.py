@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Generator
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import ClassVar
@@ -18,6 +18,7 @@ from bench.corpora.corpus import Corpus
 from bench.errors import InputError, check_value
 from bench.ground.machine import check_memory
 from bench.ground.registry import parameter_defaults
+from bench.models.by_source import SourceScales, learn_scales, read_readings
 from bench.models.most_probable import MostProbable, mean_by_capture
 from bench.models.nets.training import (
     Optimiser,
@@ -30,6 +31,7 @@ from bench.models.nets.training import (
     predict_samples,
     to_device,
     train_alone,
+    train_together,
 )
 
 MAX_WINDOW_S = 3600.0
@@ -83,6 +85,7 @@ class WindowNet(MostProbable):
     patience: ClassVar[int | None] = None  # as of `Schedule`
     smoothing: ClassVar[float] = 0.0
     holds_out: ClassVar[bool] = False  # whether one training subject chooses the epoch
+    stacks: ClassVar[bool] = False  # whether all layers can compute several networks in one pass
 
     def __init_subclass__(cls, **more: object) -> None:
         super().__init_subclass__(**more)
@@ -118,7 +121,7 @@ class WindowNet(MostProbable):
         """Largest number of epochs on these samples."""
         return self.epochs
 
-    def compute_logits(self, net: nn.Module, x: object) -> torch.Tensor:
+    def compute_logits(self, net: Callable, x: object) -> torch.Tensor:
         """Logits of a batch, float32, computed in the system's precision."""
         if self.precision == "float32":
             return net(x) if self.on_card else self.forward(net, x)
@@ -137,6 +140,14 @@ class WindowNet(MostProbable):
     def samples(self, corpus: Corpus) -> Samples:
         """Samples of captures: windows that do not overlap."""
         return Windows(corpus, self.window, self.window)
+
+    def learn_scales(self, X: Corpus) -> SourceScales:
+        """Scales of the readings of training captures by source."""
+        return learn_scales(X, read_readings)
+
+    def at_one_scale(self, X: Corpus) -> Corpus:
+        """Captures with the readings of each source at its scale."""
+        return self.scales_.apply_to_frames(X)
 
     def training_samples(self, corpus: Corpus) -> Samples:
         """Samples of training captures."""
@@ -176,7 +187,7 @@ class WindowNet(MostProbable):
             length = f"seconds={self.seconds:g}" if self.seconds else f"frames={self.frames}"
             values = self.batch * float(self.length(X.rate_hz)) * int(np.prod(X.grid))
             check_memory(f"model.{length} model.batch={self.batch}", 4 * values)
-        if self.holds_out and len(set(X.subjects.astype(str))) < 2:
+        if self.holds_out and len(set(X.subjects[~X.is_added])) < 2:
             name = type(self).__name__
             raise InputError(
                 f"{name}: one training subject chooses the epoch; train on two or more"
@@ -186,7 +197,7 @@ class WindowNet(MostProbable):
         """True for captures of the training subject that chooses the epoch, bool [captures]."""
         if not self.holds_out:
             return np.zeros(len(X), dtype=bool)
-        names = np.unique(X.subjects.astype(str))
+        names = np.unique(X.subjects[~X.is_added].astype(str))
         return X.subjects == names[np.random.default_rng(self.seed).integers(len(names))]
 
     def fit(self, X: Corpus, y: np.ndarray) -> WindowNet:
@@ -198,6 +209,23 @@ class WindowNet(MostProbable):
         train_alone(self.train_in_steps(X, y), self.seed)
         return self
 
+    @property
+    def trains_together(self) -> bool:
+        """True if several of it train in one pass, which only a card does in less time."""
+        return self.stacks and self.on_card and type(self).fit is WindowNet.fit
+
+    @staticmethod
+    def fit_together(
+        systems: Sequence[WindowNet], parts: Sequence[Corpus]
+    ) -> list[Exception | None]:
+        """Train each system on captures of its own, all at once; return why each failed, or None.
+
+        Their parameters are equal, except the seed.
+        """
+        pairs = zip(systems, parts, strict=True)
+        trainings = [system.train_in_steps(X, X.gestures) for system, X in pairs]
+        return train_together(trainings, [system.seed for system in systems])
+
     def train_in_steps(self, X: Corpus, y: np.ndarray) -> Generator[Step, torch.Tensor, None]:
         """Train on captures and their class names; others take the steps (`Training.iterate`)."""
         self.check()
@@ -205,6 +233,8 @@ class WindowNet(MostProbable):
         self.check_training(X, y)
         held_out = self._is_held_out(X)
         self.window_ = self.length(X.rate_hz)
+        self.scales_ = self.learn_scales(X[~held_out])
+        X = self.at_one_scale(X)
         samples = self.training_samples(X[~held_out])
         example = samples.make_example()
         self.net_ = net = self.network(*X.grid, len(self.classes_))
@@ -221,8 +251,8 @@ class WindowNet(MostProbable):
         reports = self.prepare(net, samples) or []
         epochs = self.epoch_limit(samples)
         schedule = Schedule(epochs, self.batch, self.seed, self.patience, self.smoothing)
-        optimiser, forward = self.optimiser(net, samples), partial(self.compute_logits, net)
-        training = Training(net, samples, target, optimiser, schedule, forward, judge)
+        optimiser = self.optimiser(net, samples)
+        training = Training(net, samples, target, optimiser, schedule, self.compute_logits, judge)
         history = yield from training.iterate()
         self.history_ = reports + history
         self.activations_ = count_activations(net, to_device(example, torch.device(self.device)))
@@ -237,8 +267,7 @@ class WindowNet(MostProbable):
 
     def _decide_samples(self, samples: Samples) -> np.ndarray:
         """Probabilities of each sample [decisions, classes]."""
-        forward = partial(self.compute_logits, self.net_)
-        proba = predict_samples(self.net_, samples, self.batch, forward)
+        proba = predict_samples(self.net_, samples, self.batch, self.compute_logits)
         return vote_shares(proba, samples.steps)
 
     def decide(self, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
@@ -249,7 +278,7 @@ class WindowNet(MostProbable):
             frames seen), and probabilities [decisions, classes].
         """
         check_is_fitted(self, "net_")
-        samples = self._place(self.samples(X))
+        samples = self._place(self.samples(self.at_one_scale(X)))
         columns = {"capture": samples.capture, "start": samples.start, "frames": samples.seen}
         return pd.DataFrame(columns), self._decide_samples(samples)
 

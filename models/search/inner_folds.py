@@ -28,13 +28,22 @@ def split_subjects(subjects: np.ndarray, inner: str) -> list[tuple[np.ndarray, n
     return list(splitter.split(subjects, groups=subjects))
 
 
+def split_tested_subjects(X: Corpus, inner: str) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Inner folds of captures; those of `also=` are in each training side and judge nothing."""
+    if not X.is_added.any():
+        return split_subjects(X.subjects.astype(str), inner)
+    own, added = np.flatnonzero(~X.is_added), np.flatnonzero(X.is_added)
+    folds = split_subjects(X.subjects[own].astype(str), inner)
+    return [(np.concatenate([own[train], added]), own[judged]) for train, judged in folds]
+
+
 def make_inner_folds(X: Corpus, y: np.ndarray, inner: str) -> list[tuple[np.ndarray, np.ndarray]]:
     """Inner folds of captures and their class names.
 
     Raises:
         InputError: a training side has a single class, or lacks a class of the other side.
     """
-    folds = split_subjects(X.subjects.astype(str), inner)
+    folds = split_tested_subjects(X, inner)
     labels = np.asarray(y).astype(str)
     for train, judged in folds:
         missing = untrained_classes(labels, train, judged)

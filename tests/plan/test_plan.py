@@ -142,7 +142,7 @@ def test_a_part_is_shown_with_what_is_not_the_default(tmp_path):
 def copies(monkeypatch, pairs, **values):
     """The plan on a corpus with copied captures, given as (position, copied one)."""
     corpus = copied(random_corpus(longest=20), pairs)
-    monkeypatch.setattr("bench.plan.plan.open_corpus", lambda name, parameters: corpus)
+    monkeypatch.setattr("bench.plan.plan.open_corpus", lambda *_: corpus)
     (plan,) = make_plans(
         make_cells({"data": "mine", "model": "lda", "features": "touch", **values}), 1
     )

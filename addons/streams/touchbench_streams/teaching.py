@@ -90,7 +90,7 @@ class Watching:
         """Training data of a fold, and the beginning of a test subject's recording, if any."""
         if not comes_from_recordings(captures):
             return captures[fold.train], None
-        design = design_of(captures)
+        design = design_of(captures.info)
         recorded = load_recordings(cell.data, where=cell.where, design=design)
         is_tested = np.isin(recorded.subjects, captures.subjects[fold.test])
         tested = restore_recordings(recorded[is_tested]).corpus
