@@ -1,15 +1,15 @@
 """Fits from summaries of each training person, which a process keeps from fold to fold.
 
 Leaving one person out after another trains on the same captures again and again. A summary depends
-on the captures of one person alone, and a fit adds up the summaries of its training persons.
-Nothing is subtracted, so a fold uses no summary of a person whom it tests.
+on the captures of one person alone, and a fit merges the summaries of its training persons, half by
+half: another person who is left out changes few halves, and the others are kept. Nothing is
+subtracted, so a fold uses no summary of a person whom it tests.
 """
 
 from __future__ import annotations
 
 import time
 from hashlib import blake2b
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -18,15 +18,17 @@ from sklearn.pipeline import Pipeline
 from bench.corpora.corpus import Corpus, unblind
 from bench.features.base import is_stateless
 from bench.features.cache import cache_key
+from bench.models.classic.row_summaries import RowSummary, SummaryTree
 
 MAX_BYTES = 1 << 28  # of the summaries that a process keeps
+BYTES_PER_PERSON = 16  # for each pair of features: a matrix of the person, and one of a half
 # Summaries of persons and the (wall, CPU) seconds they took, by system and corpus; only the last
 # pair is kept.
-CACHE: dict[tuple, dict[bytes, tuple[Any, np.ndarray]]] = {}
+CACHE: dict[tuple, tuple[SummaryTree, dict[int, np.ndarray]]] = {}
 
 
 class PerPersonPipeline(Pipeline):
-    """A feature set that learns nothing, and a classifier with ``fit_summaries``.
+    """A feature set that learns nothing, and a classifier with ``fit_summary``.
 
     It is fitted as usual to a corpus in memory, and where the summaries would need more than
     `MAX_BYTES`.
@@ -43,40 +45,41 @@ class PerPersonPipeline(Pipeline):
         is_stored = origin.path is not None and not origin.steps
         persons = _rows_by_person(X) if is_stored and is_stateless(features) else []
         width = len(features.fit(X).get_feature_names_out()) if persons else 0
-        if not persons or 8 * len(persons) * width**2 > MAX_BYTES:
+        bytes_each = BYTES_PER_PERSON * width**2
+        if not persons or len(persons) * bytes_each > MAX_BYTES:
             super().fit(X, y)
             self.fit_seconds_ = tuple(_read_clocks() - started)
             return self
         settings = repr(sorted(classifier.get_params().items()))
         system_key = cache_key(features, origin.digest), type(classifier), settings
         person_rows = {_person_key(X, rows, y[rows]): rows for rows in persons}
-        kept = CACHE.get(system_key, {})
-        if 8 * len(person_rows.keys() | kept.keys()) * width**2 > MAX_BYTES:
-            kept = {}
+        tree, seconds = CACHE.get(system_key, (SummaryTree(), {}))
+        if len(person_rows.keys() | seconds.keys()) * bytes_each > MAX_BYTES:
+            tree, seconds = SummaryTree(), {}
         CACHE.clear()
-        CACHE[system_key] = kept
-        saved_seconds = sum((kept[key][1] for key in person_rows if key in kept), np.zeros(2))
-        missing = {key: rows for key, rows in person_rows.items() if key not in kept}
+        CACHE[system_key] = tree, seconds
+        saved_seconds = sum((seconds[key] for key in person_rows if key in seconds), np.zeros(2))
+        looked_up = _read_clocks()
+        missing = {key: rows for key, rows in person_rows.items() if key not in seconds}
         if missing:
-            kept.update(self._summarise_persons(missing, X, y))
-        classifier.fit_summaries([kept[key][0] for key in person_rows])
+            tree.persons |= self._summarise_persons(missing, X, y)
+        classifier.fit_summary(tree.merge(tuple(sorted(person_rows))))
+        seconds |= dict.fromkeys(missing, (_read_clocks() - looked_up) / max(1, len(missing)))
         self.fit_seconds_ = tuple(_read_clocks() - started + saved_seconds)
         return self
 
     def _summarise_persons(
-        self, person_rows: dict[bytes, np.ndarray], X: Corpus, y: np.ndarray
-    ) -> dict[bytes, tuple[Any, np.ndarray]]:
-        """Summary of each person and the mean seconds of a summary, by the person's key."""
+        self, person_rows: dict[int, np.ndarray], X: Corpus, y: np.ndarray
+    ) -> dict[int, RowSummary]:
+        """Summary of each person, by the person's key."""
         (_, features), (_, classifier) = self.steps
-        started = _read_clocks()
         table = features.transform(X[np.concatenate([*person_rows.values()])])
         summaries, first = {}, 0
         for key, rows in person_rows.items():
             person_table = table[first : first + len(rows)]
             summaries[key] = classifier.summarise_rows(person_table, y[rows])
             first += len(rows)
-        seconds = (_read_clocks() - started) / len(summaries)
-        return {key: (summary, seconds) for key, summary in summaries.items()}
+        return summaries
 
 
 def _read_clocks() -> np.ndarray:
@@ -91,6 +94,7 @@ def _rows_by_person(X: Corpus) -> list[np.ndarray]:
     return np.split(order, np.cumsum(np.bincount(codes, minlength=len(names)))[:-1])
 
 
-def _person_key(X: Corpus, rows: np.ndarray, y: np.ndarray) -> bytes:
+def _person_key(X: Corpus, rows: np.ndarray, y: np.ndarray) -> int:
     """Hash of the captures of a person and their class names."""
-    return blake2b(repr([*map(str, y)]).encode() + unblind(X).index[rows].tobytes()).digest()
+    content = repr([*map(str, y)]).encode() + unblind(X).index[rows].tobytes()
+    return int.from_bytes(blake2b(content, digest_size=16).digest(), "little")

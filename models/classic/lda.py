@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,49 +13,15 @@ from sklearn.pipeline import Pipeline
 from bench.errors import check_value
 from bench.features.base import capture_of_rows, is_constant, undamaged_rows
 from bench.models.by_person import PerPersonPipeline
+from bench.models.classic.row_summaries import (
+    RowSummary,
+    TrainingStatistics,
+    mean_by_code,
+    summarise_rows,
+    weighted_scatter,
+)
 from bench.models.most_probable import MostProbable
 from bench.models.space import Range
-
-
-@dataclass(frozen=True)
-class TrainingStatistics:
-    """Statistics of all training rows of `Discriminants`, which the people add-on updates.
-
-    Attributes:
-        mean, sd: mean and SD of the features [features]; the following ones are of standardised
-            features.
-        class_means: means of the classes [classes, features].
-        weights: total weight of the rows of each class [classes].
-        scatter: scatter of the rows about the means of their classes [features, features].
-    """
-
-    mean: np.ndarray
-    sd: np.ndarray
-    class_means: np.ndarray
-    weights: np.ndarray
-    scatter: np.ndarray
-
-
-@dataclass(frozen=True)
-class RowSummary:
-    """Statistics of some training rows of `Discriminants`, in the units of the features.
-
-    Attributes:
-        classes: names of their classes [classes].
-        weights: total weight of the rows of each class [classes].
-        class_means: means of the classes [classes, features].
-        scatter: scatter of the rows about the means of their classes [features, features].
-        squares: sums of squares about the means of the classes [features].
-        minimum, maximum: extreme values [features].
-    """
-
-    classes: np.ndarray
-    weights: np.ndarray
-    class_means: np.ndarray
-    scatter: np.ndarray
-    squares: np.ndarray
-    minimum: np.ndarray
-    maximum: np.ndarray
 
 
 @dataclass(eq=False, repr=False)
@@ -100,57 +65,21 @@ class Discriminants(MostProbable):
         Z /= sd
         class_means, weights = mean_by_code(Z, codes, row_weights)
         Z -= class_means[codes]
-        scatter = self.weighted_scatter(Z, capture_of_rows(X), row_weights)
+        scatter = weighted_scatter(Z, capture_of_rows(X), row_weights, self.windows)
         self.learnt_ = TrainingStatistics(mean, sd, class_means, weights, scatter)
         self.solve_coefficients(row_weights.sum())
         return self
 
     def summarise_rows(self, X: pd.DataFrame, y: np.ndarray) -> RowSummary:
-        """Summarise some training rows for `fit_summaries`."""
-        classes, codes = np.unique(y, return_inverse=True)
-        Z = np.asarray(X, dtype=np.float64)
-        row_weights = np.where(undamaged_rows(X), 1.0, self.damaged)
-        class_means, weights = mean_by_code(Z, codes, row_weights)
-        centred = Z - class_means[codes]
-        scatter = self.weighted_scatter(centred, capture_of_rows(X), row_weights)
-        squares = row_weights @ centred**2
-        return RowSummary(
-            classes, weights, class_means, scatter, squares, Z.min(axis=0), Z.max(axis=0)
-        )
+        """Summarise some training rows for `fit_summary`."""
+        return summarise_rows(X, y, [self.windows], self.damaged)
 
-    def fit_summaries(self, summaries: Sequence[RowSummary]) -> Discriminants:
-        """Fit to parts that share no capture; equals `fit` to all rows but for rounding."""
-        part_classes = np.concatenate([summary.classes for summary in summaries])
-        part_means = np.concatenate([summary.class_means for summary in summaries])
-        part_weights = np.concatenate([summary.weights for summary in summaries])
-        self.classes_, codes = np.unique(part_classes, return_inverse=True)
-        self.n_features_in_ = part_means.shape[1]
-        class_means, weights = mean_by_code(part_means, codes, part_weights)
-        deviations = part_means - class_means[codes]
-        mean = weights @ class_means / weights.sum()
-        squares = sum(summary.squares for summary in summaries)
-        squares = squares + part_weights @ deviations**2 + weights @ (class_means - mean) ** 2
-        sd = np.sqrt(squares / weights.sum())
-        extremes = [summary.minimum for summary in summaries]
-        extremes += [summary.maximum for summary in summaries]
-        sd[is_constant(np.stack(extremes))] = np.inf
-        scatter = self.windows * (deviations.T * part_weights) @ deviations
-        for summary in summaries:
-            scatter += summary.scatter
-        scaled_means, scaled_scatter = (class_means - mean) / sd, scatter / sd[:, None] / sd
-        self.learnt_ = TrainingStatistics(mean, sd, scaled_means, weights, scaled_scatter)
-        self.solve_coefficients(weights.sum())
+    def fit_summary(self, summary: RowSummary) -> Discriminants:
+        """Fit to the rows of a summary; equals `fit` to them but for rounding."""
+        self.classes_, self.learnt_ = summary.classes, summary.standardise()
+        self.n_features_in_ = len(self.learnt_.mean)
+        self.solve_coefficients(summary.weights.sum())
         return self
-
-    def weighted_scatter(
-        self, centred: np.ndarray, captures: np.ndarray, row_weights: np.ndarray
-    ) -> np.ndarray:
-        """Scatter about class means, that between captures weighted by ``windows``."""
-        scatter = (centred.T * row_weights) @ centred
-        if self.windows == 1:
-            return scatter
-        means, weights = mean_by_code(centred, captures, row_weights)
-        return scatter + (self.windows - 1) * (means.T * weights) @ means
 
     def solve_coefficients(self, total_weight: float) -> None:
         """Compute the coefficients from the statistics of training rows of a total weight."""
@@ -175,19 +104,6 @@ class Discriminants(MostProbable):
     def predict_proba(self, X: pd.DataFrame | np.ndarray) -> np.ndarray:
         """Class probabilities [rows, classes]."""
         return softmax(self.decision_function(X), axis=1)
-
-
-def mean_by_code(
-    values: np.ndarray, codes: np.ndarray, row_weights: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Weighted mean of the rows of each code [codes, n], and the sum of their weights [codes]."""
-    order = np.argsort(codes, kind="stable")
-    first = np.flatnonzero(np.diff(codes[order], prepend=-1))
-    weights = np.add.reduceat(row_weights[order], first)
-    ordered = values[order]
-    ordered *= row_weights[order][:, None]
-    sums = np.add.reduceat(ordered, first)
-    return sums / weights[:, None], weights
 
 
 def lda(

@@ -1,5 +1,7 @@
 """Classifiers and scalers against independent computations; published grids and networks."""
 
+from unittest import mock
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -15,6 +17,7 @@ from sklearn.tree import DecisionTreeClassifier
 
 from bench.features.touch import TouchFeatures
 from bench.models import by_person
+from bench.models.classic import row_summaries
 from bench.models.classic.bayes import GaussianBayes
 from bench.models.classic.jung2014 import jung2014_svm
 from bench.models.classic.jung2017 import jung2017_nn, jung2017_svm_rbf, jung2017_tree
@@ -223,3 +226,26 @@ def test_leaving_a_person_out_equals_the_plain_fit_and_takes_nothing_of_them(sto
     proba = cold.predict_proba(stored)
     assert np.array_equal(warm.predict_proba(stored), proba)
     np.testing.assert_allclose(proba, plain.predict_proba(stored), rtol=0, atol=1e-9)
+
+
+@given(st.integers(0, 10_000), st.sampled_from([1.0, 3.7]))
+def test_summaries_of_persons_merge_to_that_of_all_rows_and_halves_are_kept(seed, windows):
+    X, y = of_captures(seed, captures=40)
+    person_of_capture = np.random.default_rng(seed).integers(0, 16, 1000)
+    persons = person_of_capture[X.index.get_level_values("capture")]
+    tree, model = row_summaries.SummaryTree(), Discriminants(0.2, windows, damaged=0.3)
+    keys = tuple(np.unique(persons).tolist())
+    tree.persons = {key: model.summarise_rows(X[persons == key], y[persons == key]) for key in keys}
+    with mock.patch.object(
+        row_summaries, "merge_summaries", side_effect=row_summaries.merge_summaries
+    ) as merge:
+        for left_out in keys:
+            rest = tuple(key for key in keys if key != left_out)
+            merged = tree.merge(rest)
+    assert merge.call_count <= (len(keys) + 1) * 9  # of 16 keys, 4 halves a person and 4 again
+    alone = row_summaries.SummaryTree(tree.persons).merge(rest)
+    assert np.array_equal(merged.scatters, alone.scatters)
+    rows = persons != left_out
+    fitted = Discriminants(0.2, windows, damaged=0.3).fit(X[rows], y[rows])
+    coef = model.fit_summary(merged).coef_
+    np.testing.assert_allclose(coef, fitted.coef_, rtol=1e-7, atol=1e-9)

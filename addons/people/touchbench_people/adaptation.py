@@ -20,14 +20,16 @@ from sklearn.utils.validation import check_is_fitted
 from bench import contract
 from bench.errors import InputError
 from bench.features.base import capture_of_rows
+from bench.models.classic.row_summaries import weighted_scatter
 from bench.models.quantised import quantise_pipeline
 from bench.models.recipe import Recipe, apply_steps
 from touchbench_people.last_layer import relearn_layer, relearn_network
 
 if TYPE_CHECKING:
     from bench.corpora.corpus import Corpus
-    from bench.models.classic.lda import Discriminants, TrainingStatistics
+    from bench.models.classic.lda import Discriminants
     from bench.models.classic.perceptron import Perceptron
+    from bench.models.classic.row_summaries import TrainingStatistics
     from bench.models.nets.window import WindowNet
     from bench.models.out_of_distribution import GuardedDiscriminants
     from bench.models.reflex import Reflex
@@ -146,7 +148,7 @@ def _join_rows(
     total = old.weights + new_weights
     between_weight = np.sqrt(linear.windows * old.weights * new_weights / total)[:, None]
     between = between_weight * (means - old.class_means)
-    within = linear.weighted_scatter(Z - means[codes], captures, weight)
+    within = weighted_scatter(Z - means[codes], captures, weight, linear.windows)
     scatter = old.scatter + within + between.T @ between
     summed = old.weights[:, None] * old.class_means + new_weights[:, None] * means
     return replace(old, class_means=summed / total[:, None], weights=total, scatter=scatter)
