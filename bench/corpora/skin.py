@@ -13,10 +13,10 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from bench.errors import check_value
 
@@ -99,7 +99,7 @@ class Design:
         """
         import numpy as np
 
-        shape, period = self._shape(corpus), self._period(corpus.rate_hz)
+        shape, period = self._shape(corpus), self.period(corpus.rate_hz)
         area, lines = self._wired_areas(corpus.grid, shape)
         arrays = [self._merge(frames, area, period)[:, *lines] for frames in corpus]
         made = corpus.with_fields(
@@ -140,15 +140,6 @@ class Design:
         check_value("skin.grid", self.grid, is_coarser, f"at most the recorded {recorded}")
         return rows, cols
 
-    def _period(self, rate_hz: float) -> Fraction:
-        """Recorded frames of a frame."""
-        if not self.rate_hz:
-            return Fraction(1)
-        advice = f"at most the recorded {rate_hz:g}"
-        check_value("skin.rate_hz", self.rate_hz, self.rate_hz <= rate_hz * (1 + 1e-9), advice)
-        period = Fraction(rate_hz) / Fraction(self.rate_hz)
-        return max(Fraction(1), period.limit_denominator(MOST_PERIOD))
-
     def _wired_areas(
         self, recorded: tuple[int, int], shape: tuple[int, int]
     ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
@@ -159,6 +150,24 @@ class Design:
 
         area = regrid(self._wired(recorded)[None], *shape)[0]
         return area, np.ix_(area.any(axis=1), area.any(axis=0))
+
+    def weights(self, recorded: tuple[int, int]) -> np.ndarray:
+        """Weights that recorded readings have in those of the design [taxels, recorded taxels]."""
+        import numpy as np
+
+        single = np.eye(recorded[0] * recorded[1]).reshape(-1, *recorded)
+        shape = tuple(map(int, self.grid.split("x"))) if self.grid else recorded
+        area, lines = self._wired_areas(recorded, shape)
+        return self._merge(single, area, Fraction(1))[:, *lines].reshape(len(single), -1).T
+
+    def period(self, rate_hz: float) -> Fraction:
+        """Recorded frames of a frame."""
+        if not self.rate_hz:
+            return Fraction(1)
+        advice = f"at most the recorded {rate_hz:g}"
+        check_value("skin.rate_hz", self.rate_hz, self.rate_hz <= rate_hz * (1 + 1e-9), advice)
+        period = Fraction(rate_hz) / Fraction(self.rate_hz)
+        return max(Fraction(1), period.limit_denominator(MOST_PERIOD))
 
     def _wired(self, recorded: tuple[int, int]) -> np.ndarray:
         """True for each recorded taxel that is wired [rows, cols]."""
@@ -254,7 +263,7 @@ class Design:
         return thresholds - GUARD * full_scale, levels.round(9)
 
 
-def design_of(corpus: Corpus) -> Design | None:
-    """The skin that captures were converted to, its range learned; None for the recorded one."""
-    design = corpus.info.get("design")
+def design_of(facts: Mapping[str, Any]) -> Design | None:
+    """The skin in the ``info`` of a corpus, its range learned; None for the recorded one."""
+    design = facts.get("design")
     return Design(**design | {"taxels": tuple(design["taxels"])}) if design else None

@@ -31,6 +31,7 @@ from bench.models.recipe import Recipe
 from bench.models.reflex import Reflex
 from bench.models.steps import SETTLED_S, Repair, Scale
 from touchbench_chip.classifiers import EXPORTABLE, Decider, convert_classifier, format_float, has_c
+from touchbench_chip.skin import SkinContents, convert_design
 
 if TYPE_CHECKING:
     from bench.running.replay import Stopping
@@ -56,6 +57,7 @@ class CContents:
         arrays: learnt numbers of the features, by name.
         points: operating points of the watcher.
         watch: C of the watcher; None without.
+        skin: C of the design of the skin; None without.
     """
 
     defines: dict[str, str]
@@ -65,6 +67,7 @@ class CContents:
     arrays: dict[str, np.ndarray] = field(default_factory=dict)
     points: tuple[tuple[float, float, float, float], ...] = ()
     watch: Any = None
+    skin: SkinContents | None = None
 
 
 def check_exportable(estimator: Any) -> bool:
@@ -138,8 +141,11 @@ def collect_contents(recogniser: Recogniser, bits: int) -> CContents:
     for function, decider in deciders.items():
         prefix = function.upper()
         defines |= {f"{prefix}_{name}": value for name, value in decider.defines.items()}
+    skin = convert_design(recogniser)
+    if skin:
+        defines, arrays = defines | skin.defines, arrays | skin.arrays
     defines = {name: str(value) for name, value in defines.items()}
-    return CContents(defines, deciders, name, recogniser.classes, arrays, points, watch)
+    return CContents(defines, deciders, name, recogniser.classes, arrays, points, watch, skin)
 
 
 def _size_defines(recogniser: Recogniser, width: int, longest: int) -> dict[str, Any]:

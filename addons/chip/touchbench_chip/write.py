@@ -67,6 +67,8 @@ COMMENTS = {  # by the first constant of each group
     "remembered; against noise, frames of a mean, steps, and quieter rows and columns.",
     "SIGNALS": "Features of touch: signals of a frame, what is taken of each, and of the taxels in "
     "order of size.",
+    "MEAN": "Frames of the design from recorded ones: the mean, a picked one or the peaks of a "
+    "period, whose length is in parts of which a recorded frame has so many; codes.",
     "NAMES": "Classes, in the order of probabilities.",
 }
 PREFIX = "touch"  # of all public names
@@ -186,6 +188,7 @@ def _write_header(chip: CContents, rate_hz: float) -> str:
         "state": _write_state(chip),
         "settled": SETTLED if defines["STOPPING"] == "1" else NEVER_SETTLED,
         "watch": _read_code("watch.h") + _write_points(chip) if chip.watch else "",
+        "skin": chip.skin.header if chip.skin else "",
     }
     return _fill_code("touch.h", parts)
 
@@ -416,6 +419,7 @@ def _write_code(chip: CContents) -> str:
         comment = f"/* {kind} from the features: {decider.comment}. */\n"
         pieces.append(f"{comment}static void {function}(touch_t *t, float *proba)\n{{\n{body}}}\n")
     pieces += [_read_code("api.c"), _read_code("look.c")]
+    pieces += [_read_code("skin.c")] if chip.skin else []
     if chip.watch:
         pieces += [_read_code("status.c"), chip.watch.code, _read_code("watch.c")]
     return "\n".join(pieces)

@@ -62,7 +62,7 @@ def load_background(name: str, corpus: Corpus) -> Recordings:
     """
     if name not in imported_names():
         raise InputError(f"background={name}: no such recordings are imported; see bench data list")
-    background = restore_recordings(load_recordings(name, design=design_of(corpus)))
+    background = restore_recordings(load_recordings(name, design=design_of(corpus.info)))
     if len(background.events):
         raise InputError(
             f"background={name}: it has {len(background.events)} touches; give recordings whose "

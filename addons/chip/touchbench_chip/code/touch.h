@@ -49,7 +49,7 @@ const char *touch_name(int label);
 int touch_look_init(touch_look_t *look);
 int touch_look(touch_look_t *look, const float *frame);
 int touch_unlike(const touch_look_t *look);
-$watch
+$skin$watch
 #ifdef __cplusplus
 }
 #endif
