@@ -5,8 +5,9 @@ FAULT_NAMES = (
     *("noise", "fewer_bits", "dropped_frames", "lower_rate", "time_jitter", "late_start"),
     *("early_end", "shift", "rotation", "smaller_grid", "cover"),
 )
-MORE_FAULT_NAMES = ("vibration", "drift", "noisy_region")  # only by name: not part of `ALL_FAULTS`
-SHORTENING_FAULTS = ("dropped_frames", "late_start", "early_end")  # they remove frames
+# only by name: not part of `ALL_FAULTS`
+MORE_FAULT_NAMES = ("vibration", "drift", "noisy_region", "doubled_frames", "own_noise")
+SHORTENING_FAULTS = ("late_start", "early_end")  # they remove an end
 NO_FAULT = "none"
 ALL_FAULTS = "all"
 SEVERITIES = 5  # of each fault

@@ -25,6 +25,7 @@ import numpy as np
 from bench.corpora.corpus import Corpus, shared_frames
 from bench.corpora.fault_names import ALL_FAULTS
 from bench.corpora.fault_names import SEVERITIES as SEVERITIES
+from bench.corpora.sensor import rest_noise
 from bench.errors import InputError, suggest_names
 
 Damage = Callable[..., Any]  # of the arguments above; gives frames
@@ -42,7 +43,8 @@ class Fault:
         unit: text after an amount in a table, such as ``% of the taxels``.
         amounts: amounts at severities 1 to 5.
         sensor: True for one draw per subject (a fault of the sensor), False for one per capture.
-        shortens: True if frames are lost, so that labels of frames have no place.
+        shortens: True if an end is missing, so that labels of frames have no place.
+        moves: True if frames are lost or come twice, so that later ones come at other times.
         later: True if ``all`` leaves it out on captures, so that means over all stay as they are.
     """
 
@@ -52,6 +54,7 @@ class Fault:
     amounts: tuple[float, ...]
     sensor: bool
     shortens: bool = False
+    moves: bool = False
     later: bool = False
 
     def describe(self, severity: int) -> str:
@@ -98,7 +101,12 @@ def seeded_generator(text: str) -> np.random.Generator:
 
 
 def fault(
-    unit: str, *amounts: float, sensor: bool = False, shortens: bool = False, later: bool = False
+    unit: str,
+    *amounts: float,
+    sensor: bool = False,
+    shortens: bool = False,
+    moves: bool = False,
+    later: bool = False,
 ) -> Callable[[Damage], Damage]:
     """Register a function as a fault by its name; arguments are attributes of `Fault`.
 
@@ -110,7 +118,7 @@ def fault(
 
     def register(damage: Damage) -> Damage:
         name = damage.__name__
-        FAULTS[name] = Fault(name, damage, unit, amounts, sensor, shortens, later)
+        FAULTS[name] = Fault(name, damage, unit, amounts, sensor, shortens, moves, later)
         return damage
 
     return register
@@ -266,7 +274,7 @@ def fewer_bits(frames: np.ndarray, amount: float, rng: np.random.Generator) -> n
     return np.rint(frames * steps) / steps
 
 
-@fault("% of the frames", 5, 10, 20, 40, 60, shortens=True)
+@fault("% of the frames", 5, 10, 20, 40, 60, moves=True)
 def dropped_frames(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
     """Frames are lost at random: the capture becomes shorter. The luckiest frame always arrives."""
     luck = rng.random(len(frames))
@@ -409,3 +417,22 @@ def noisy_region(frames: np.ndarray, amount: float, rng: np.random.Generator) ->
     changed = frames.copy()
     changed[:, row, col] = np.clip(frames[:, row, col] + change[:, row, col], 0, 1)
     return changed
+
+
+@fault("% of the frames twice", 10, 20, 40, 70, 100, moves=True, later=True)
+def doubled_frames(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
+    """Frames come twice at random, as from a sensor of a higher rate: the capture gets longer."""
+    return np.repeat(frames, 1 + (rng.random(len(frames)) < amount / 100), axis=0)
+
+
+@fault("times its own noise", 2, 4, 8, 16, 32, later=True)
+def own_noise(frames: np.ndarray, amount: float, rng: np.random.Generator) -> np.ndarray:
+    """White noise as a multiple of the sensor's own, which the capture shows at rest.
+
+    A sensor whose noise is less than the rounding of its readings has that.
+    """
+    steps = np.diff(np.unique(frames))
+    rounding = steps.min(initial=1.0) / np.sqrt(12) * len(steps[:1])
+    deviation = amount * max(rest_noise(frames), rounding)
+    change = rng.standard_normal(frames.shape, dtype=np.float32)
+    return np.clip(frames + np.float32(deviation) * change, 0, 1)

@@ -51,12 +51,23 @@ def sensor_table(corpus: Corpus) -> pd.DataFrame:
                 column or "session": name,
                 "captures": int(of_session.sum()),
                 "level": float(levels / max(frames, 1)),
-                "noise": float(np.median(np.sqrt(squares / max(2 * pairs, 1)))),
+                "noise": _median_deviation(squares, pairs),
                 "repeated": 100 * float(repeated / max(changes, 1)),
                 "seconds": float(np.median(corpus.lengths[of_session])) / corpus.rate_hz,
             }
         )
     return pd.DataFrame(rows)
+
+
+def rest_noise(frames: np.ndarray) -> float:
+    """Noise of a capture at rest, as of `sensor_table`, in the unit of its readings."""
+    _, squares, pairs, _ = _measure_rest(frames, is_background=False)
+    return _median_deviation(squares, pairs)
+
+
+def _median_deviation(squares: np.ndarray, pairs: int) -> float:
+    """SD of a taxel from squared changes between frames, median over taxels."""
+    return float(np.median(np.sqrt(squares / max(2 * pairs, 1))))
 
 
 def _measure_rest(frames: np.ndarray, is_background: bool) -> tuple[float, np.ndarray, int, int]:

@@ -30,10 +30,11 @@ from touchbench_streams.detectors.frames import Frames
 from touchbench_streams.detectors.status import NOISE, SATURATED
 from touchbench_streams.detectors.threshold import Threshold
 from touchbench_streams.detectors.ticks import learn_watcher
+from touchbench_streams.events import report_table
 from touchbench_streams.fold import make_recordings, run_numbers
 from touchbench_streams.page import fault_rows, make_watch_exhibits
 from touchbench_streams.recordings import Recordings, cut_into_captures
-from touchbench_streams.stress import apply_fault
+from touchbench_streams.stress import apply_fault, watch_under_faults
 from touchbench_streams.study import Continuous
 
 
@@ -239,7 +240,8 @@ def test_refused_frames_are_counted_as_a_stream_tells_them(recordings):
 def test_recordings_go_through_the_faults_of_captures(recordings):
     twice = recordings[[0, 0, 1]]
     shares = as_shares(twice.corpus, np.arange(3))
-    noise, dead = (apply_fault(twice, shares, FAULTS[name], 4) for name in ("noise", "dead_taxels"))
+    names = "noise", "dead_taxels"
+    noise, dead = (apply_fault(twice, shares, FAULTS[name], 4)[0] for name in names)
     rng = faults.seeded_generator("noise, recording 2 of 1")
     expected = as_readings(twice.corpus, FAULTS["noise"].damage(shares[1], 2, rng))
     assert np.array_equal(noise[1], expected) and not np.array_equal(noise[0], noise[1])
@@ -249,6 +251,33 @@ def test_recordings_go_through_the_faults_of_captures(recordings):
         shares[0], 4, "1", 5, 20.0
     )  # the sensor of a subject is the same
     assert np.array_equal(dead[0], as_readings(twice.corpus, capture))
+
+
+@pytest.mark.parametrize("name", ["dropped_frames", "doubled_frames", "noise"])
+def test_reports_of_frames_that_a_fault_moves_have_the_times_of_before(name, recordings):
+    """A system that reports each new reading at once reports it when it came."""
+    two, fault = recordings[:2], FAULTS[name]
+    shares = as_shares(two.corpus, np.arange(2))
+    seen, fake = [], SimpleNamespace(count_refused=lambda corpus, _: np.array([0, len(corpus[1])]))
+    fake.collect_evidence = lambda corpus: seen.append(corpus) or []
+    times = lambda corpus: np.array([len(corpus[0]), len(corpus[1]), 2])  # noqa: E731
+    fake.report_touches = lambda corpus, _: report_table(
+        (i, time, time, "pat", "pat", 1.0, 0)
+        for i, time in zip((0, 1, 1), times(corpus), strict=True)
+    )
+    table = watch_under_faults(fake, two, [name])
+    for severity, corpus in enumerate(seen, 1):
+        rows = table[table["severity"] == severity]
+        reports = rows[rows["kind"] == "report"]
+        for row, time in zip(reports.to_dict("records"), times(corpus), strict=True):
+            i, now = row["recording"], corpus[row["recording"]][time - 1]
+            assert row["reported"] == row["end"] <= len(two.corpus[i])
+            same = as_readings(two.corpus, shares[i])[int(row["reported"]) - 1]
+            assert not fault.moves or np.array_equal(now, same)
+        assert not fault.moves or len(corpus[0]) != len(two.corpus[0])
+        ends = rows[rows["kind"] == "recording"]
+        assert ends["end"].tolist() == [*two.corpus.lengths]
+        assert ends["refused"].tolist() == [0, two.corpus.lengths[1]]
 
 
 def test_a_design_of_the_skin_is_watched_with_its_range_of_training_subjects():

@@ -45,36 +45,51 @@ def parse_faults(names: Sequence[object]) -> tuple[str, ...]:
     faults = parse_fault_names("under", names, allowed)
     if shortening := [name for name in faults if name not in allowed]:
         raise InputError(
-            f"under={shortening[0]}: it removes frames, so that labelled touches would lie "
-            "elsewhere; leave it out"
+            f"under={shortening[0]}: it removes an end, where touches may lie; leave it out"
         )
     return faults
 
 
 def faults_of_recordings() -> tuple[str, ...]:
-    """Names of the faults that keep all frames."""
+    """Names of the faults that recordings can have: all that keep both ends."""
     return tuple(name for name, fault in FAULTS.items() if not fault.shortens)
 
 
 def apply_fault(
     recordings: Recordings, shares: Sequence[np.ndarray], fault: Fault, severity: int
-) -> Corpus:
-    """Recordings with a fault that keeps all frames; ``shares`` are these as shares of full scale.
+) -> tuple[Corpus, list[np.ndarray]]:
+    """Recordings with a fault; ``shares`` are these as shares of full scale.
 
     A fault of the sensor is the one that captures of the same subject have. Any other is drawn for
     each recording, by its subject and its position among the recordings of this subject.
+
+    Returns:
+        The recordings, and the position that each of their frames had before, int64 [frames] each.
     """
-    corpus, streams, counts = recordings.corpus, [], Counter[str]()
+    corpus, streams, places, counts = recordings.corpus, [], [], Counter[str]()
     for subject, frames in zip(map(str, recordings.subjects), shares, strict=True):
         counts[subject] += 1
         source = f"recording {counts[subject]} of {subject}"
         if fault.sensor:
             source = f"sensor of {subject}"
-        rng = seeded_generator(f"{fault.name}, {source}")
-        damaged = fault.apply_with(frames, severity, rng, corpus.rate_hz)
-        streams.append(as_readings(corpus, damaged))
+        place = np.arange(len(frames))
+        if fault.moves:  # what it does to frames that hold their position
+            shares_of_length = (place / len(place)).astype(np.float32)[:, None, None]
+            moved = _damage(fault, severity, source, shares_of_length, corpus.rate_hz)
+            place = np.rint(len(place) * moved.ravel().astype(np.float64)).astype(np.int64)
+        streams.append(
+            as_readings(corpus, _damage(fault, severity, source, frames, corpus.rate_hz))
+        )
+        places.append(place)
     fields = {"full_scale": corpus.full_scale, "name": corpus.name, "info": corpus.info}
-    return Corpus.from_captures(streams, corpus.captures, corpus.rate_hz, **fields)
+    return Corpus.from_captures(streams, corpus.captures, corpus.rate_hz, **fields), places
+
+
+def _damage(
+    fault: Fault, severity: int, source: str, frames: np.ndarray, rate_hz: float
+) -> np.ndarray:
+    rng = seeded_generator(f"{fault.name}, {source}")
+    return fault.apply_with(frames, severity, rng, rate_hz)
 
 
 def watch_under_faults(
@@ -86,14 +101,24 @@ def watch_under_faults(
     for fault in (FAULTS[name] for name in under):
         for severity in range(1, SEVERITIES + 1):
             case = dict(zip(CASE, (fault.name, severity, fault.describe(severity)), strict=True))
-            corpus = apply_fault(test, shares, fault, severity)
+            corpus, places = apply_fault(test, shares, fault, severity)
             evidence = watcher.collect_evidence(corpus)
-            frames = pd.DataFrame({"recording": np.arange(len(test)), "end": corpus.lengths})
-            frames = frames.assign(refused=watcher.count_refused(corpus, evidence))
-            reports = watcher.report_touches(corpus, evidence)
+            frames = pd.DataFrame({"recording": np.arange(len(test)), "end": test.corpus.lengths})
+            refused = watcher.count_refused(corpus, evidence) * frames["end"] / corpus.lengths
+            frames = frames.assign(refused=refused.round().astype(np.int64))
+            reports = _times_before(watcher.report_touches(corpus, evidence), places)
             for kind, part in (("recording", frames), ("report", reports)):
                 parts.append(part.assign(kind=kind, subject=subjects[part["recording"]], **case))
     return pd.concat(parts, ignore_index=True)
+
+
+def _times_before(reports: pd.DataFrame, places: Sequence[np.ndarray]) -> pd.DataFrame:
+    """Reports with the times that their frames had before a fault moved them."""
+    times = {}
+    for name in ("reported", "end"):
+        pairs = zip(reports["recording"], reports[name], strict=True)
+        times[name] = np.array([places[i][time - 1] + 1 for i, time in pairs], dtype=np.int64)
+    return reports.assign(**times)
 
 
 def fault_table(
