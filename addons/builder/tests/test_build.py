@@ -19,10 +19,10 @@ from bench.errors import InputError
 from bench.running.saved import load_recogniser
 from bench.store.client import connect
 from tests.conftest import predictions, random_corpus, runs
-from touchbench_builder import certificate, check, systems
+from touchbench_builder import certificate, check, fitting, systems
 from touchbench_builder.build import _import_file, _next_commands
 from touchbench_builder.captures import load_corpus
-from touchbench_builder.folder import label_with_c, watch_with_c
+from touchbench_builder.folder import header_lines, label_with_c, watch_with_c
 from touchbench_builder.stream import people_of_reports, recordings_of_people
 from touchbench_streams.events import match_tables
 
@@ -40,7 +40,8 @@ def few_tests(request, monkeypatch):
     """One fault; nothing is linked for a chip, except in live tests."""
     monkeypatch.setattr(systems, "DEFAULT_FAULTS", ("noise",))
     if not request.node.get_closest_marker("live"):
-        monkeypatch.setattr(systems, "missing_programs", lambda: ["arm-none-eabi-gcc"])
+        for module in (systems, fitting):
+            monkeypatch.setattr(module, "missing_programs", lambda: ["arm-none-eabi-gcc"])
 
 
 def write_skin(subjects=6, seed=0, name="skin.csv"):
@@ -108,6 +109,9 @@ def test_recordings_become_c_that_compiles_passes_its_test_and_keeps_its_certifi
     of_days = {"column": "day", "values": ["1", "2"], "people": 6, **shares}
     days = certificate.render_page(facts | {"sessions": of_days})
     assert "costs 10.0 points (too few" in days and "do not include this cost" in days
+    head = header_lines(facts | {"sessions": of_days})
+    assert "loses 10.0 points (day 1 and 2)" in head[-1]
+    assert head[:-1] == header_lines(facts | {"sessions": None})
 
     result = run_in_robot("make", "-s", "test", "examples")
     assert result == (0, "3 of 3 captures as in Python\n")
@@ -186,10 +190,10 @@ def test_the_certificate_of_recordings_is_that_of_their_stream_and_is_checked_in
     capsys, monkeypatch
 ):
     small = {"model": "lda", "features": "touch", "model.window": 0.5}
-    monkeypatch.setattr(systems, "candidate_systems", lambda _: [(small, 1.0)])
+    monkeypatch.setattr(systems, "candidate_systems", lambda *_: [(small, 1.0)])
     monkeypatch.setattr(check, "MAX_UNLIKE", 0.999)  # five people show little of what is alike
     import_people("day", 5, 0)
-    assert main(["build", "data=day", "jobs=1", "out=robot"]) == 0
+    assert main(["build", "data=day", "jobs=1", "faults=none", "out=robot"]) == 0
     facts = json.loads(Path("robot/certificate.json").read_text())
     stream, text = facts["stream"], Path("robot/README.md").read_text()
     store, stored = runs("watch")

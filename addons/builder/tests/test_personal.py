@@ -51,6 +51,10 @@ def test_a_build_with_weights_in_few_bits_is_adapted_and_passes_its_test(capsys,
     labels, _ = label_with_c(Path("robot_anna"), general.classes, own, "skin")
     assert labels.tolist() == general.label(own)["label"].tolist()
 
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{Path('another.db').absolute()}")
+    assert main(["adapt", "robot", "anna.csv", "out=other"]) == 2
+    error = capsys.readouterr().err
+    assert f"its model {address} is not in" in error and "where bench build was run" in error
     monkeypatch.setitem(__import__("sys").modules, "touchbench_builder.personal", None)
     assert main(["adapt", "robot", "anna.csv", "out=other"]) == 2
     assert "install addons/builder" in capsys.readouterr().err

@@ -19,18 +19,14 @@ from bench.reading.choice import choose_candidate
 from bench.reading.scene import load_boards
 from tests.conftest import random_corpus
 from tests.reading.results import make_run
-from touchbench_builder import systems
+from touchbench_builder import fitting, systems
+from touchbench_builder.candidates import SMALLEST_SYSTEM, candidate_systems, system_title
 from touchbench_builder.captures import load_corpus
 from touchbench_builder.certificate import expected_accuracy
+from touchbench_builder.fitting import EARLY, fit_or_load
 from touchbench_builder.sessions import measure_session_cost
 from touchbench_builder.slices import most_instructions, needed_ram, spread_work
-from touchbench_builder.systems import (
-    EARLY,
-    fit_or_load,
-    nested_labels,
-    nothing_fits_message,
-    systems_without_each,
-)
+from touchbench_builder.systems import nested_labels, nothing_fits_message, systems_without_each
 from touchbench_chip.tables import check_exportable
 from touchbench_streams.detectors.ticks import TickWatcher
 
@@ -65,17 +61,64 @@ def test_each_person_gets_the_system_that_the_others_choose():
 
 
 def test_each_candidate_has_c_and_one_that_can_watch_learns_noise():
-    candidates = systems.candidate_systems(random_corpus(3, 3, grid=(4, 4)))
+    candidates = candidate_systems(random_corpus(3, 3, grid=(4, 4)))
     can_watch = [
         check_exportable(make_cells({"data": "synth", **values})[0].untrained_system)
         for values, _ in candidates
     ]
-    seconds = {systems.system_title(values): fit_seconds for values, fit_seconds in candidates}
+    seconds = {system_title(values): fit_seconds for values, fit_seconds in candidates}
     assert len(seconds) == len(candidates)
     (steady,) = (i for i, (values, _) in enumerate(candidates) if "model.faults" in values)
-    title = systems.system_title(candidates[steady][0])
-    assert can_watch[steady] and title == "lda on touch_profiles, windows of 1 s"
+    title = system_title(candidates[steady][0])
+    assert (
+        can_watch[steady]
+        and title == "lda on touch_profiles, windows of 1 s, trained against noise"
+    )
     assert seconds[title] > seconds["lda on touch, windows of 1 s"]  # copies, and more features
+
+
+def result_of_people(system, right):
+    """A run with ten touches of each person."""
+    rows = [(person, i < count) for person, count in right.items() for i in range(10)]
+    touches = pd.DataFrame(rows, columns=["subject", "end_correct"])
+    return SimpleNamespace(system=system, tables={"touches": touches})
+
+
+@pytest.mark.parametrize(("flash", "is_kept"), [(30, True), (50, False)])
+def test_training_against_faults_is_kept_for_whom_the_others_lose_little(flash, is_kept):
+    """Person 1 loses 20 points, the others none, or 2.5 on average: without 1, nothing is lost."""
+    plain = result_of_people("lda", dict.fromkeys("12345678", 8))
+    hard = result_of_people("hard", {**dict.fromkeys("12345678", 8), "1": 6})
+    trained = []
+
+    def run_system(values, seconds, place):
+        trained.append(values)
+        return hard
+
+    comparison = SimpleNamespace(plans={"lda": ({"model": "lda"}, None)}, results=[plain])
+    comparison.costs = {"hard": {"flash_bytes": 1e3 * flash, "needed_ram_bytes": 1e3}}
+    comparison.costs["hard"]["most_instructions"] = 1e5
+    comparison.run_system, lines = run_system, []
+    comparison.progress = SimpleNamespace(print_line=lines.append)
+    deciding = dict.fromkeys("12345678", "lda") | {"2": "tree"}
+    rows, name, after = systems._harden(comparison, "lda", dict(deciding), {"flash": 40}, 1.0)
+    assert trained == [{"model": "lda", "model.faults": "+".join(systems.TRAINED_FAULTS)}]
+    assert name == "lda" and "2.5 points lost" in lines[0]
+    assert after == deciding | ({"1": "hard"} if is_kept else {})
+    assert rows[0]["accuracy"] == pytest.approx(77.5) and rows[0]["flash"] == flash
+    hard.tables = result_of_people("hard", dict.fromkeys("12345678", 8)).tables
+    _, name, after = systems._harden(comparison, "lda", dict(deciding), {"flash": 40}, 1.0)
+    assert name == ("hard" if is_kept else "lda")
+    assert after == dict.fromkeys("12345678", name) | {"2": "tree"}
+
+
+@pytest.mark.parametrize(
+    ("faults", "trained"), [((), set()), (("noise", "cover"), {"noise+cover"})]
+)
+def test_all_candidates_are_trained_against_named_faults(faults, trained):
+    candidates = candidate_systems(random_corpus(3, 1, grid=(4, 4)), faults)
+    assert {v.get("model.faults") for v, _ in candidates} - {None} == trained
+    assert not faults or all("model.faults" in values for values, _ in candidates)
 
 
 NOTHING_FITS = [  # flash, RAM, words; microbit2 has 512 KiB
@@ -111,19 +154,19 @@ def test_the_model_has_what_the_budgets_allow(flash, without, monkeypatch):
 
     def costs(model):
         amount = 10e3 * (1 + bool(model.stopping) + 2 * bool(model.watcher))
-        return {name: amount if name == "flash_bytes" else 1.0 for name in systems.CHIP_COSTS}
+        return {name: amount if name == "flash_bytes" else 1.0 for name in fitting.CHIP_COSTS}
 
     fakes = {"fit_or_load": fit, "measure_on_chip": costs, "missing_programs": list}
     for name, fake in fakes.items():
-        monkeypatch.setattr(systems, name, fake)
+        monkeypatch.setattr(fitting, name, fake)
     limits = {"flash": flash}
     choice = SimpleNamespace(name="lda", values={}, run_id="r", limits=limits, watched=True)
     choice.frame_limit, choice.board = math.inf, None
     if without is None:
         with pytest.raises(InputError, match=r"trained on all captures it takes 30.0 kB of flash"):
-            systems.train_chosen({}, choice)
+            fitting.train_chosen({}, choice)
         return
-    _, model, amounts, left_out = systems.train_chosen({}, choice)
+    _, model, amounts, left_out = fitting.train_chosen({}, choice)
     assert left_out == without and amounts["flash_bytes"] <= 1000 * flash
     assert model.watcher and bool(model.stopping) is not bool(without)
 
@@ -154,7 +197,7 @@ def test_the_fewest_slices_are_taken_with_which_each_frame_is_short_enough(limit
 
 
 def test_ram_holds_stack_and_frame_and_tables_where_constants_take_ram():
-    costs, boards = dict.fromkeys(systems.CHIP_COSTS, 100.0), load_boards()
+    costs, boards = dict.fromkeys(fitting.CHIP_COSTS, 100.0), load_boards()
     assert [needed_ram(costs, board) for board in (None, boards["zero"])] == [300.0, 300.0]
     assert needed_ram(costs, boards["uno-r3"]) == 400.0
 
@@ -180,7 +223,7 @@ def test_another_session_costs_what_left_out_people_lose_in_it():
     write_table(corpus.with_fields(captures=table), Path("skin.csv"))
     sensor = ["grid=4x4", "rate_hz=100", "full_scale=1023"]
     assert main(["data", "import", "table", "skin.csv", "name=skin", *sensor]) == 0
-    choice = SimpleNamespace(values=systems.SMALLEST_SYSTEM, watched=None)
+    choice = SimpleNamespace(values=SMALLEST_SYSTEM, watched=None)
     on = {"data": "skin", "jobs": "1"}
     imported = load_corpus({"data": "skin"})
     found = measure_session_cost(imported, on, choice)
@@ -195,7 +238,7 @@ def test_another_session_costs_what_left_out_people_lose_in_it():
             for person in sorted(set(table["subject"])):
                 train = ((table["subject"] != person) & (session == trained)).to_numpy()
                 test = ((table["subject"] == person) & (session == tested)).to_numpy()
-                system = make_cells({"data": "skin", **systems.SMALLEST_SYSTEM})[0].estimator()
+                system = make_cells({"data": "skin", **SMALLEST_SYSTEM})[0].estimator()
                 system.fit(imported[train], imported.gestures[train])
                 right = system.predict(imported[test]) == imported.gestures[test]
                 rows += [(person, each) for each in right]

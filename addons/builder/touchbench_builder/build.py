@@ -52,7 +52,7 @@ def _run_build(words: list[str], values: dict[str, str], command: str) -> int:
     from touchbench_builder.certificate import make_certificate, summary_lines
     from touchbench_builder.folder import check_build_folder, write_build
     from touchbench_builder.stream import open_stream_captures, why_no_stream
-    from touchbench_builder.systems import STREAM_BUDGETS, compare_systems
+    from touchbench_builder.systems import STREAM_BUDGETS, compare_systems, parse_trained_faults
     from touchbench_chip.write import check_prefix
 
     settings = typed_settings("build", values)
@@ -61,6 +61,7 @@ def _run_build(words: list[str], values: dict[str, str], command: str) -> int:
     out = check_build_folder(Path(settings["out"]), settings["replace"])
     check_prefix(settings["prefix"])
     scene = _load_scene(settings)
+    faults = parse_trained_faults(settings["faults"])
     progress = Progress(settings["seconds"])
     progress.start_step("recordings")
     on = data_arguments(values)
@@ -80,7 +81,8 @@ def _run_build(words: list[str], values: dict[str, str], command: str) -> int:
         raise InputError(f"scene={settings['scene']}: {keys[0]} needs a stream: {no_stream}")
     if no_stream:
         warn(f"warning: captures only, nothing watches a stream: {no_stream}")
-    chosen = compare_systems(corpus, on, scene, cost_limits(settings), progress, not no_stream)
+    limits = cost_limits(settings)
+    chosen = compare_systems(corpus, on, scene, limits, progress, not no_stream, faults)
     recogniser, facts = make_certificate(
         corpus, on, warnings, scene, chosen, command, progress, no_stream
     )

@@ -22,6 +22,8 @@ from bench.values.result import format_count
 from bench.values.sentences import template_environment
 from touchbench_builder import systems
 from touchbench_builder.bounds import SPREAD
+from touchbench_builder.candidates import BITS
+from touchbench_builder.fitting import train_chosen
 from touchbench_builder.sessions import measure_session_cost
 from touchbench_builder.stream import (
     bounds_of_counts,
@@ -29,14 +31,7 @@ from touchbench_builder.stream import (
     describe_stream,
     open_stream_captures,
 )
-from touchbench_builder.systems import (
-    BITS,
-    WATCH,
-    ChosenSystem,
-    make_plan,
-    run_plan,
-    train_chosen,
-)
+from touchbench_builder.systems import WATCH, ChosenSystem, make_plan, run_plan
 from touchbench_chip.write import hash_fixed_code, poisson_upper_rate
 from touchbench_streams.recordings import comes_from_recordings
 from touchbench_streams.stress import FAULT_SCORES
@@ -93,6 +88,8 @@ def make_certificate(
             "grid": list(recogniser.grid),
             "rate_hz": recogniser.rate_hz,
             "full_scale": recogniser.full_scale,
+            "skin": recogniser.design.typed_arguments() if recogniser.design else {},
+            "recorded": recogniser.skin.get("recorded"),
             "subjects": sorted(set(corpus.subjects.astype(str))),
             "captures_seen": " ".join(sorted({*filter(None, capture_digests(corpus))})),
             "noise": float(f"{sensor_table(corpus)['noise'].mean():.3g}"),

@@ -1,6 +1,6 @@
 """The command ``bench build``, without anything heavy."""
 
-from bench.grammar.options import DATA, JOBS, START, TRUST_NOTE, WHERE, Command, Option
+from bench.grammar.options import DATA, JOBS, SKIN, START, TRUST_NOTE, WHERE, Command, Option
 from touchbench_chip.command import PREFIX_OPTION
 
 FORMATS = ("table", "cuddlebot", "haart", "cost", "recording")
@@ -23,12 +23,20 @@ BUILD = Command(
     options=(
         DATA,
         WHERE,
+        SKIN,
         JOBS,
         Option("format", "text", "table", "format of FILE, as of bench data import", FORMATS),
         Option("name", "text", "", "name of the corpus that FILE becomes; default its own name"),
         Option("grid", "text", "", "FILE: rows and columns of the skin, such as 8x8"),
         Option("rate_hz", "number", None, "FILE: frame rate in Hz"),
         Option("full_scale", "number", None, "FILE: largest possible reading"),
+        Option(
+            "faults",
+            "text",
+            "auto",
+            "faults to train against, such as noise+gain_drift, or none; auto: noise scaled to the "
+            "sensor's own, if people lose less than a point by it without faults",
+        ),
         Option("scene", "text", "", "TOML file with a robot's needs, or companion, toy or handle"),
         Option("board", "text", "", "board whose flash and RAM are budgets, such as nano33ble"),
         Option("max_flash", "amount", None, "largest flash with code, such as 64kB"),
@@ -40,7 +48,7 @@ BUILD = Command(
             "seconds",
             "number",
             600,
-            "time; no system but the first is run if its tests and last fit need more",
+            "time for all; as many systems are compared as it allows, one at least",
         ),
         Option(
             "watch",

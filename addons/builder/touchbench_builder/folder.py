@@ -128,8 +128,16 @@ def _write_texts(folder: Path, texts: Mapping[str, str]) -> None:
 
 
 def header_lines(facts: Mapping[str, Any]) -> list[str]:
-    """Head of ``touch.h``: corpus, people, accuracy to expect; operating points have the alarms."""
-    return [*origin_lines(facts), *summary_lines(facts)]
+    """Head of ``touch.h``: corpus, people, accuracy to expect, and what another session costs.
+
+    Operating points have the alarms.
+    """
+    lines = [*origin_lines(facts), *summary_lines(facts)]
+    if sessions := facts["sessions"]:
+        between = " and ".join(sessions["values"])
+        cost = f"{sessions['cost']:.1f} points ({sessions['column']} {between})"
+        lines.append(f"Not included: in another session than those of training, it loses {cost}.")
+    return lines
 
 
 def origin_lines(facts: Mapping[str, Any]) -> list[str]:

@@ -5,7 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from bench.corpora.corpus import Corpus
+from bench.errors import InputError
 from bench.running.saved import Recogniser
+from bench.store.client import connect
 from bench.values.result import format_count
 from touchbench_builder.check import load_certificate
 from touchbench_builder.folder import CERTIFICATE, origin_lines, source_texts, write_tested
@@ -21,8 +23,15 @@ with Python on captures of the person.
 
 
 def model_of_build(folder: Path) -> str:
-    """Address of the model that a build was made from."""
-    return str(load_certificate(folder / CERTIFICATE)["system"]["model"])
+    """Address of the model that a build was made from; it must be in the user's store."""
+    model = str(load_certificate(folder / CERTIFICATE)["system"]["model"])
+    run_id = model.removeprefix("runs:/").partition("/")[0]
+    if not connect().search_runs(f"attributes.run_id = '{run_id}'"):
+        raise InputError(
+            f"{folder}: its model {model} is not in the store of this folder; run bench adapt "
+            "where bench build was run, or set MLFLOW_TRACKING_URI to that store"
+        )
+    return model
 
 
 def write_personal_build(

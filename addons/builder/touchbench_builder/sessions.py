@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pandas as pd
 
@@ -13,11 +13,7 @@ from bench.errors import InputError
 from bench.ground.progress import warn
 from bench.values.intervals import mean_interval
 from bench.values.measures import value_or_none
-from bench.values.scores import label_captures
-from touchbench_builder.systems import WATCH, ChosenSystem, make_plan, run_plan
-
-if TYPE_CHECKING:
-    from bench.values.result import Result
+from touchbench_builder.systems import WATCH, ChosenSystem, count_right, make_plan, run_plan
 
 
 def measure_session_cost(
@@ -39,13 +35,13 @@ def measure_session_cost(
     keys, command = {**on, **choice.values}, WATCH if choice.watched is not None else "run"
     try:
         across = {"protocol": "sessions", "protocol.column": column}
-        other = _count_right(run_plan(*make_plan(keys | across, command)))
+        other = count_right(run_plan(*make_plan(keys | across, command)))
         parts = []
         for value in values:
             where = f"{column} == {value!r}"
             where = f"({on['where']}) and {where}" if on.get("where") else where
             within = keys | {"protocol": "loso", "where": where}
-            parts.append(_count_right(run_plan(*make_plan(within, command))))
+            parts.append(count_right(run_plan(*make_plan(within, command))))
     except InputError as e:  # such as a session that lacks people or gestures
         warn(f"warning: the cost of another session is not known: {e}")
         return None
@@ -59,14 +55,3 @@ def measure_session_cost(
     means = {name: round(float(shares[name].mean()), 1) for name in shares}
     found = {"column": column, "values": [*map(str, values)], "people": len(shares)}
     return found | means | {"cost": round(float(costs.mean()), 1), **ends}
-
-
-def _count_right(result: Result) -> pd.DataFrame:
-    """Right labels, and all, of each person: right, total."""
-    if "touches" in result.tables:
-        table = result.tables["touches"].rename(columns={"end_correct": "right"})
-    else:
-        table = label_captures(result.tables["predictions"])
-        table = table.assign(right=table["true"].astype(str) == table["predicted"].astype(str))
-    people = table["subject"].astype(str)
-    return table.groupby(people)["right"].agg(right="sum", total="size")
