@@ -13,7 +13,7 @@ or result, or the default for a system without it. Nothing else is looked up by 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from types import FunctionType
 from typing import Any, Generic, Protocol, TypeGuard, TypeVar
@@ -138,7 +138,8 @@ def history(estimator: System) -> list[dict[str, float]]:
 
 def chosen_values(estimator: System) -> dict[str, object]:
     """``chosen_``: parameters that it chose on its training part, by name."""
-    return getattr(estimator, "chosen_", {})
+    part = estimator.steps[-1][1] if isinstance(estimator, Pipeline) else estimator
+    return getattr(part, "chosen_", {})
 
 
 def trials(estimator: System) -> pd.DataFrame | None:
@@ -194,6 +195,7 @@ memory_of_features: Method[int] = Method(
     "keeps", ("frames", "taxels"), lambda frames, taxels: frames * taxels
 )
 """Numbers in memory while a feature set is computed; by default the capture."""
+FIT_TOGETHER_METHOD: Method[Any] = Method("fit_together", ("systems", "parts"), lambda *_: None)
 LENGTH_METHOD: Method[Any] = Method("length", ("rate_hz",), lambda rate_hz: None)
 DECIDE_METHOD: Method[Any] = Method("decide", ("X",), lambda X: None)
 
@@ -348,7 +350,14 @@ def predict_labels(estimator: System, X: Corpus) -> np.ndarray:
         PredictionError: a label is missing, or is neither.
     """
     predicted = estimator.predict(blind_captures(estimator, X))
-    labels = np.asarray(predicted, dtype=object).ravel()  # CatBoost gives a column
+    labels = np.asarray(predicted, dtype=object)
+    is_column = isinstance(predicted, np.ndarray) and labels.shape == (len(X), 1)  # of CatBoost
+    if labels.ndim > 1 and not is_column:
+        raise PredictionError(
+            f"predict gives labels of shape {labels.shape} for {len(X)} captures; "
+            "give one list of labels, not lists in it"
+        )
+    labels = labels.ravel()
     if len(labels) != len(X):
         raise PredictionError(
             f"predict gives {len(labels)} labels for {len(X)} captures; give one each"
@@ -449,6 +458,16 @@ def fit_system(estimator: Estimator, X: Corpus, y: np.ndarray) -> Estimator:
             f"{advice}"
         )
     return estimator
+
+
+def trains_together(estimator: System) -> bool:
+    """``trains_together``: True if several of it are fitted at once in less time."""
+    return getattr(estimator, "trains_together", False)
+
+
+def fit_together(systems: Sequence[System], parts: Sequence[Corpus]) -> list[Exception | None]:
+    """``fit_together(systems, parts)``: fit each to captures of its own; return why each failed."""
+    return FIT_TOGETHER_METHOD(systems[0], systems, parts)
 
 
 def reported_fit_seconds(estimator: System, wall: float, cpu: float) -> tuple[float, float]:

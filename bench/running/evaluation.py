@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import pandas as pd
@@ -12,9 +12,11 @@ from bench.corpora.corpus import Corpus
 from bench.plan.splits import SystemToTest
 from bench.running.fitted import FittedFold
 from bench.running.fold import (
+    FittedSystem,
     check_agreement,
     find_batch_effects,
     fit_timed,
+    fit_together_timed,
     limit_threads,
     measure_latency,
     memory_metrics,
@@ -38,13 +40,22 @@ if TYPE_CHECKING:  # a change to plans must not change the key of a run
 ALL_FOLDS = "all"  # of windows that a protocol splits: a label needs all windows of a capture
 
 
-def evaluate_fold(cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
-    """Evaluate one fold and its circumstances; a circumstance that fails leaves the rest."""
-    if cell.design:
-        corpus = cell.design.fit_range(corpus, fold.train)
+def evaluate_fold(
+    cell: Cell, corpus: Corpus, fold: Fold, threads: int, fitted_system: FittedSystem | None = None
+) -> FoldResult:
+    """Evaluate one fold and its circumstances; a circumstance that fails leaves the rest.
+
+    Args:
+        cell: the system, and how it is tested.
+        corpus: all captures of the run.
+        fold: positions of captures.
+        threads: for computing.
+        fitted_system: its system, if it was fitted with other folds (`fit_folds`).
+    """
+    corpus = captures_of_fold(cell, corpus, fold)
     if cell.run_kind:
         return cell.run_kind.evaluate_fold(cell, corpus, fold, threads)
-    system, result = fit_and_predict(cell, corpus, fold, threads)
+    system, result = fit_and_predict(cell, corpus, fold, threads, fitted_system)
     fitted = FittedFold(cell, corpus, fold, system, result.table, threads)
     if cell.circumstances:
         result.tables = {LABELS_TABLE: fitted.label_unchanged()}
@@ -64,19 +75,45 @@ def evaluate_fold(cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldR
     return result
 
 
-def fitted_systems(cell: Cell, corpus: Corpus, fold: Fold) -> Iterable[SystemToTest]:
+def captures_of_fold(cell: Cell, corpus: Corpus, fold: Fold) -> Corpus:
+    """The captures of a run, as a skin reads them whose range is learned in the fold."""
+    return cell.design.fit_range(corpus, fold.train) if cell.design else corpus
+
+
+def fits_folds_together(cell: Cell) -> bool:
+    """True if the systems of all folds are fitted at once in less time."""
+    if cell.run_kind or getattr(cell.splitter, "systems", None):
+        return False
+    return contract.trains_together(cell.untrained_system)
+
+
+def fit_folds(
+    cell: Cell, corpus: Corpus, folds: Sequence[Fold], threads: int
+) -> list[FittedSystem | Exception]:
+    """Fit the systems of several folds at once; return each, or why it failed."""
+    parts = [captures_of_fold(cell, corpus, fold)[fold.train] for fold in folds]
+    with limit_threads(threads):
+        return fit_together_timed([cell.estimator() for _ in folds], parts)
+
+
+def fitted_systems(
+    cell: Cell, corpus: Corpus, fold: Fold, fitted_system: FittedSystem | None = None
+) -> Iterable[SystemToTest]:
     """Fit the systems of a fold: one, if the protocol has no others."""
     if own_systems := getattr(cell.splitter, "systems", None):
         return own_systems(cell, corpus, fold)
-    system = cell.estimator()
-    seconds = fit_timed(system, corpus[fold.train])
+    if fitted_system:
+        system, seconds = fitted_system
+    else:
+        system = cell.estimator()
+        seconds = fit_timed(system, corpus[fold.train])
     name = ALL_FOLDS if corpus.steps else fold.name
     pairs = fold.pairs or [(fold.train, fold.test)]
     return [SystemToTest(name, system, tested, seconds) for _, tested in pairs]
 
 
 def fit_and_predict(
-    cell: Cell, corpus: Corpus, fold: Fold, threads: int
+    cell: Cell, corpus: Corpus, fold: Fold, threads: int, fitted_system: FittedSystem | None = None
 ) -> tuple[contract.System, FoldResult]:
     """Fit the systems of a fold, predict its test captures, and measure costs.
 
@@ -85,7 +122,7 @@ def fit_and_predict(
     """
     tables, effects, parts = [], [], len(fold.pairs) or 1
     with limit_threads(threads):
-        for part in fitted_systems(cell, corpus, fold):
+        for part in fitted_systems(cell, corpus, fold, fitted_system):
             system, test, metrics = part.estimator, part.tested, part.metrics
             tables.append(predict_to_table(system, corpus, part.name, test))
             effects += find_batch_effects(system, corpus, test, tables[-1], parts)

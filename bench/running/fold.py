@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import resource
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -28,6 +28,13 @@ WARM_UP = 1
 DECIMAL_BITS = 16  # of a reading that is no whole number
 
 
+class FittedSystem(NamedTuple):
+    """A fitted system, and the `seconds_metrics` of its fit."""
+
+    system: contract.System
+    metrics: dict[str, float]
+
+
 @contextmanager
 def limit_threads(threads: int) -> Iterator[None]:
     """Limit computing to some threads; libraries that are loaded later are not limited.
@@ -48,6 +55,24 @@ def fit_timed(system: contract.System, corpus: Corpus) -> dict[str, float]:
     fit = partial(contract.fit_system, system, corpus, corpus.gestures)
     _, times, cpu_ms = time_once(fit, partial(contract.reported_fit_seconds, system))
     return seconds_metrics("fit", times, cpu_ms)
+
+
+def fit_together_timed(
+    systems: Sequence[contract.System], parts: Sequence[Corpus]
+) -> list[FittedSystem | Exception]:
+    """Fit systems at once, each to captures of its own; each has an equal share of the seconds.
+
+    Returns:
+        Each fitted system, or why it failed.
+    """
+    count = len(systems)
+    failures, times, cpu_ms = time_once(
+        partial(contract.fit_together, systems, parts),
+        lambda wall, cpu: (wall / count, cpu / count),
+    )
+    metrics = seconds_metrics("fit", times, cpu_ms)
+    pairs = zip(systems, failures, strict=True)
+    return [failure or FittedSystem(system, metrics) for system, failure in pairs]
 
 
 def seconds_metrics(name: str, times: Times, cpu_ms: float) -> dict[str, float]:

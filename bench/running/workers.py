@@ -29,11 +29,12 @@ from bench.ground.registry import FILE_MODULE_PREFIX
 from bench.ground.source import is_user_code
 from bench.plan.cells import Cell
 from bench.plan.plan import Fold, Plan, usable_cores
-from bench.running.evaluation import evaluate_fold
-from bench.running.fold import reset_peak_memory
+from bench.running.evaluation import evaluate_fold, fit_folds, fits_folds_together
+from bench.running.fold import FittedSystem, reset_peak_memory
 from bench.running.results import FoldResult, format_traceback
 from bench.values.result import format_count
 
+Folds = Sequence[Fold]
 RESTARTED_WORKER = "A worker stopped while some jobs were given"
 
 
@@ -65,8 +66,8 @@ class FoldExecutor:
     def run_folds(self, plan: Plan, missing: Sequence[Fold]) -> Iterator[FoldResult]:
         """Run folds of a plan; yield each result as soon as it is there."""
         fill_cache(plan.cell, plan.corpus)
-        for fold in missing:
-            yield run_fold(plan.cell, plan.corpus, fold, plan.threads)
+        for folds in group_folds(plan.cell, missing):
+            yield from run_group(plan.cell, plan.corpus, folds, plan.threads)
 
 
 def local_executor(jobs: int | None = None) -> FoldExecutor:
@@ -88,7 +89,8 @@ class ProcessExecutor(FoldExecutor):
 
         After a worker has died (out of memory, say) they run one at a time, to see which kills it.
         """
-        waiting, running, count = deque(missing), dict[Any, tuple[Fold, float]](), plan.workers
+        waiting, running = deque(group_folds(plan.cell, missing)), dict[Any, tuple[Folds, float]]()
+        count = min(plan.workers, len(waiting))
         self._start_pool(count, plan.threads)
         fill_cache(plan.cell, plan.corpus)  # meanwhile
         while waiting or running:
@@ -96,24 +98,26 @@ class ProcessExecutor(FoldExecutor):
             # folds submitted at once, loky fails when it is killed.
             most = count + 1 if count > 1 else 1
             while waiting and len(running) < most:
-                fold = waiting.popleft()
+                folds = waiting.popleft()
                 task = self.pool.submit(
-                    run_fold_silently, plan.cell, plan.corpus, fold, plan.threads
+                    run_group_silently, plan.cell, plan.corpus, folds, plan.threads
                 )
-                running[task] = fold, time.perf_counter()
+                running[task] = folds, time.perf_counter()
             done = next(as_completed(running))
-            fold, started = running.pop(done)
+            folds, started = running.pop(done)
             try:
-                yield done.result()
+                yield from done.result()
             except BrokenProcessPool as e:
                 self.pool.shutdown(wait=True, kill_workers=True)
-                if count > 1:
-                    waiting.extendleft([fold, *(other for other, _ in running.values())])
+                if count > 1 or len(folds) > 1:
+                    groups = [folds, *(others for others, _ in running.values())]
+                    waiting.extendleft([fold] for group in groups for fold in group)
                     running.clear()
                     count = 1
                 else:
-                    error = f"The worker process died; out of memory?\n{e}"
-                    yield FoldResult(fold.name, error=error, seconds=time.perf_counter() - started)
+                    error, seconds = "The worker process died; out of memory?", time.perf_counter()
+                    seconds -= started
+                    yield FoldResult(folds[0].name, error=f"{error}\n{e}", seconds=seconds)
                 self._start_pool(count, plan.threads)
 
     def _start_pool(self, count: int, threads: int) -> None:
@@ -142,13 +146,45 @@ def _exit_with_parent(parent: int) -> None:
     os._exit(1)
 
 
-def run_fold(cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
-    """Run one fold, in a worker; an exception becomes the result's ``error``."""
+def group_folds(cell: Cell, folds: Sequence[Fold]) -> list[Folds]:
+    """Groups of folds whose systems are fitted at once: all folds, or each by itself."""
+    return [folds] if fits_folds_together(cell) else [[fold] for fold in folds]
+
+
+def run_group(cell: Cell, corpus: Corpus, folds: Folds, threads: int) -> Iterator[FoldResult]:
+    """Run folds, in a worker; those of a larger group are fitted at once."""
+    if len(folds) == 1:
+        yield run_fold(cell, corpus, folds[0], threads)
+        return
     reset_peak_memory()
-    started = time.perf_counter()
+    fitted: Sequence[FittedSystem | Exception]
     try:
         with fresh_modules(), close_corpora():
-            result = evaluate_fold(cell, corpus, fold, threads)
+            fitted = fit_folds(cell, corpus, folds, threads)
+    except Exception as e:
+        fitted = [e] * len(folds)
+    for fold, system in zip(folds, fitted, strict=True):
+        yield run_fold(cell, corpus, fold, threads, system)
+
+
+def run_fold(
+    cell: Cell,
+    corpus: Corpus,
+    fold: Fold,
+    threads: int,
+    fitted_system: FittedSystem | Exception | None = None,
+) -> FoldResult:
+    """Run one fold, in a worker; an exception becomes the result's ``error``."""
+    started = time.perf_counter()
+    try:
+        if isinstance(fitted_system, Exception):
+            raise fitted_system
+        if fitted_system:
+            started -= fitted_system.metrics["fit_wall_seconds"]
+        else:
+            reset_peak_memory()
+        with fresh_modules(), close_corpora():
+            result = evaluate_fold(cell, corpus, fold, threads, fitted_system)
     except KeyboardInterrupt:  # in this process
         raise
     except BaseException:  # a system may raise anything; even `sys.exit` only fails its fold
@@ -157,13 +193,14 @@ def run_fold(cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult
     return result
 
 
-def run_fold_silently(cell: Cell, corpus: Corpus, fold: Fold, threads: int) -> FoldResult:
-    """Run one fold; count what its system prints, which the lines of several folds would mix."""
+def run_group_silently(cell: Cell, corpus: Corpus, folds: Folds, threads: int) -> list[FoldResult]:
+    """Run folds; count what their systems print, which the lines of several folds would mix."""
     with redirect_stdout(io.StringIO()) as printed:
-        result = run_fold(cell, corpus, fold, threads)
+        results = [*run_group(cell, corpus, folds, threads)]
     if lines := printed.getvalue().splitlines():
-        result.printed = f"{format_count(len(lines), 'line')}, such as {one_line(lines[0])}"
-    return result
+        words = f"{format_count(len(lines), 'line')}, such as {one_line(lines[0])}"
+        results[0].printed = words
+    return results
 
 
 @contextmanager

@@ -42,6 +42,8 @@ class CNN85(FrameNet):
         frames, epochs, batch, seed, device, seconds, precision: see `WindowNet`.
     """
 
+    stacks = True
+
     frames: int = 85
     hop: int | None = None
     padding: str = "zero"

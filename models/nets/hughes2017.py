@@ -91,6 +91,8 @@ class Hughes2017CNN(Hughes2017):
         epochs, batch, rate, seed, device: see `WindowNet`.
     """
 
+    stacks = True
+
     batch: int = 100
     bits: int = 32
 

@@ -23,6 +23,7 @@ class Ren2023Transformer(FrameNet):
     """
 
     holds_out = True
+    stacks = True
 
     frames: int = 144
     epochs: int = 100

@@ -50,6 +50,8 @@ class Zhou2016(FrameNet):
 class Zhou2016CNN3D(Zhou2016):
     """Four layers of 16, 32, 64 and 128 kernels of 3 x 3 x 3, a dense layer of 256 with dropout."""
 
+    stacks = True
+
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
         """490 119 parameters for 8 x 8 taxels and 7 classes."""
         shape = (self.window // self.average, rows, cols)
@@ -64,6 +66,8 @@ class Zhou2016CNN3D(Zhou2016):
 
 class Zhou2016CNN2D(Zhou2016):
     """The same kernels without their extent in time, and a dense layer on the mean over time."""
+
+    stacks = True
 
     def network(self, rows: int, cols: int, classes: int) -> nn.Module:
         """The untrained network for one grid."""

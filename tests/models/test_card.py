@@ -3,6 +3,7 @@
 import gc
 
 import numpy as np
+import pandas as pd
 import pytest
 import torch
 
@@ -75,3 +76,52 @@ def test_frames_are_copied_to_a_device_once(corpus):
     del first, second, fresh
     gc.collect()
     assert len(training._frames_on_devices) == before - 1
+
+
+FOLDS = [np.arange(36), np.arange(4, 36), np.arange(0, 28)]
+
+
+class Doubles:
+    """Networks in double precision, so that two orders of the same sums agree to many digits."""
+
+    def prepare(self, net, samples):
+        super().prepare(net, samples)
+        net.double()
+
+    def compute_logits(self, net, x):
+        return net((x[0].double(), x[1]) if isinstance(x, tuple) else x.double())
+
+
+@pytest.mark.parametrize("system", [kind for kind in SMALL if kind.stacks])
+def test_networks_that_train_together_equal_those_that_train_alone(system, corpus, monkeypatch):
+    """They have unequal numbers of captures and of steps in an epoch, and one another seed."""
+    monkeypatch.setattr("bench.models.nets.window.count_activations", lambda *_: 0)
+    length = {"updates": 12} if system is TouchNet else {"epochs": 2}
+    kind = type(system.__name__, (Doubles, with_card(system)), {})
+    parts = [corpus[fold] for fold in FOLDS]
+    alone, together = ([kind(seed=s, **SMALL[system] | length) for s in (0, 0, 1)] for _ in "12")
+    for model, part in zip(alone, parts, strict=True):
+        model.fit(part, part.gestures)
+    assert kind.fit_together(together, parts) == [None] * 3
+    for one, other in zip(alone, together, strict=True):
+        histories = (pd.DataFrame(model.history_) for model in (one, other))
+        pd.testing.assert_frame_equal(*histories, rtol=1e-9)
+        proba = (model.predict_proba(corpus) for model in (one, other))
+        np.testing.assert_allclose(*proba, rtol=1e-6)
+
+
+def test_a_pass_takes_as_many_networks_as_the_memory_holds(monkeypatch):
+    passes, most = [], 2
+
+    def learn(batches):
+        passes.append(len(batches))
+        if len(batches) > most:
+            raise torch.OutOfMemoryError
+        return [*batches]
+
+    monkeypatch.setattr(training, "learn_together", learn)
+    stack = training.Stack(5)
+    assert stack.learn([*range(5)]) == stack.learn([*range(5)]) == [*range(5)]
+    assert passes == [5, 2, 2, 1, 2, 2, 1]
+    most = 0
+    assert [type(loss) for loss in stack.learn([1, 2])] == [torch.OutOfMemoryError] * 2

@@ -41,7 +41,7 @@ def trained(net, windows, schedule, target=0, rate=0.0, judge=None):
     """The history of a training, by default of one that changes nothing."""
     optimiser = Optimiser(torch.optim.SGD(net.parameters(), rate))
     target = target + np.zeros(len(windows), dtype=int)
-    training = Training(net, windows, target, optimiser, schedule, net, judge)
+    training = Training(net, windows, target, optimiser, schedule, nn.Module.__call__, judge)
     return train_alone(training.iterate(), 0)
 
 

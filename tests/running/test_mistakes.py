@@ -3,16 +3,20 @@
 import inspect
 import warnings
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from joblib.externals.loky import process_executor
 
 import bench
 from bench.cli import main
+from bench.contract import predict_labels
+from bench.errors import PredictionError
 from bench.plan.grid import make_cells
 from bench.plan.plan import make_plans
-from bench.running.workers import ProcessExecutor, run_fold_silently
-from tests.conftest import SMALL
+from bench.running.workers import ProcessExecutor, run_group_silently
+from tests.conftest import SMALL, random_corpus
 
 OWN = """
 import numpy as np
@@ -58,6 +62,20 @@ def test_numbers_for_names_fail_with_their_remedy(capsys):
     assert "give names: self.classes_[numbers]" in err
 
 
+def test_labels_in_lists_of_lists_are_no_labels():
+    """A column is accepted from an array, as CatBoost gives it."""
+    three = random_corpus(1, 1)[:3]
+    own = SimpleNamespace(classes_=np.array(["pat", "rub", "tap"]))
+    labels = ["rub", "tap", "pat"]
+    for predicted in ([labels], [[label] for label in labels], np.array([labels])):
+        own.predict = lambda _, predicted=predicted: predicted
+        with pytest.raises(PredictionError, match="give one list of labels, not lists in it"):
+            predict_labels(own, three)
+    for predicted in (labels, np.array(labels)[:, None]):
+        own.predict = lambda _, predicted=predicted: predicted
+        assert predict_labels(own, three).tolist() == labels
+
+
 def test_a_fit_may_return_nothing():
     write_own()
     values = {key.replace(".", "__"): value for key, _, value in (w.partition("=") for w in SMALL)}
@@ -80,7 +98,7 @@ def test_what_a_system_prints_in_a_worker_is_counted(capsys):
     write_own(predict="print('predicting', len(X))")
     values = dict(word.split("=") for word in SMALL[:-1])
     (plan,) = make_plans(make_cells({"model": "own.py:Own", **values}), 1)
-    result = run_fold_silently(plan.cell, plan.corpus, plan.folds[0], 1)
+    (result,) = run_group_silently(plan.cell, plan.corpus, plan.folds[:1], 1)
     assert not result.error and capsys.readouterr().out == ""
     count, _, first = result.printed.partition(" lines, such as ")
     assert int(count) > 1 and first == "predicting 14"
