@@ -137,7 +137,7 @@ def corpus(
         data: an imported corpus, or ``synth``.
         where: captures to use, a condition on their columns.
         target: columns of the class.
-        parameters: parameters of ``synth``.
+        parameters: parameters of ``synth``, and of a designed skin, such as ``skin__grid="4x4"``.
     """
     from bench.commands.data import load_selected_captures
 

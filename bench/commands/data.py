@@ -38,7 +38,7 @@ from bench.ground.progress import warn
 from bench.ground.registry import load_part, load_parts, registered_parts
 from bench.ground.scratch import data_folder
 from bench.ground.typed import DEFAULTS, SMALL_SYSTEM, Values
-from bench.plan.grid import expand_corpus_parameters, make_cells
+from bench.plan.grid import expand_corpus_parameters, make_cells, make_skins
 from bench.plan.plan import load_captures
 from bench.protocols.captures import CaptureKFold
 from bench.values.result import format_count
@@ -149,17 +149,25 @@ def load_selected_captures(
 ) -> Corpus:
     """Load the captures of a corpus that satisfy a condition.
 
-    ``parameters`` are those of the generator, with or without ``data.`` before them.
+    ``parameters`` are those of the generator, with or without ``data.`` before them, and of a
+    designed skin (``skin.grid``), which learns ``skin.range=auto`` from these captures.
     """
     dotted: dict[str, object] = {}
-    for key, value in parameters.items():
+    typed = {key.replace("__", "."): value for key, value in parameters.items()}
+    of_skin = {key: value for key, value in typed.items() if key.partition(".")[0] == "skin"}
+    for key, value in typed.items():
+        if key in of_skin:
+            continue
         if (full_key := f"data.{key.removeprefix('data.')}") in dotted:
             raise InputError(f"{key}= is given twice; give it once")
         dotted[full_key] = value
     combination, *others = expand_corpus_parameters(dotted, name, [name])
-    if others:
+    skin, *other_skins = make_skins(of_skin)
+    if others or other_skins:
         raise InputError("give one value of each parameter; a tuple is one value, a list several")
-    return load_captures(name, combination, where, target)
+    design = skin.make_object() if skin else None
+    corpus = load_captures(name, combination, where, target, design)
+    return design.fit_range(corpus, np.arange(len(corpus))) if design else corpus
 
 
 def survey_captures(corpus: Corpus, out: Path | None) -> Survey:

@@ -8,7 +8,13 @@ from bench.commands.printing import print_next_commands, refuse_unwritable
 from bench.corpora.corpus import Corpus
 from bench.corpora.read.table import read_unlabelled
 from bench.errors import InputError
-from bench.grammar.options import key_options, next_of_packages, parse_words, typed_settings
+from bench.grammar.options import (
+    RECORDED,
+    key_options,
+    next_of_packages,
+    parse_words,
+    typed_settings,
+)
 from bench.ground.progress import warn
 from bench.ground.scratch import write_then_rename
 from bench.ground.typed import Values, quote_value
@@ -53,9 +59,20 @@ def load_model_and_captures(
             f"give a model and a file: bench {command} MODEL FILE; see bench {command} --help"
         )
     model, file = words
-    rate_hz = typed_settings(command, values)["rate_hz"]
-    recogniser = load_recogniser(model)
+    settings = typed_settings(command, values)
+    rate_hz, recogniser = settings["rate_hz"], load_recogniser(model)
+    if settings["skin"] == RECORDED:
+        return model, recogniser, _read_recorded(model, recogniser, Path(file))
     if rate_hz is not None:
         recogniser.check_rate(rate_hz)
     layout = recogniser.rate_hz, recogniser.grid, recogniser.full_scale
     return model, recogniser, read_unlabelled(Path(file), *layout)
+
+
+def _read_recorded(model: str, recogniser: Recogniser, file: Path) -> Corpus:
+    """Read captures of the recorded skin, and convert them to the design of a model."""
+    if recogniser.design is None:
+        raise InputError(f"skin={RECORDED}: {model} has no designed skin; leave skin= out")
+    recorded = recogniser.skin["recorded"]
+    layout = recorded["rate_hz"], tuple(recorded["grid"]), recogniser.full_scale
+    return recogniser.design.convert(read_unlabelled(file, *layout))

@@ -19,6 +19,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from bench.errors import check_value
+from bench.ground.typed import format_value
 
 if TYPE_CHECKING:
     import numpy as np
@@ -90,6 +91,12 @@ class Design:
         ends = re.fullmatch(r"(\d{1,9}(?:\.\d+)?)-(\d{1,9}(?:\.\d+)?)", self.range)
         low, high = map(float, ends.groups()) if ends else (0.0, 0.0)
         return (low, high) if low < high else None
+
+    def typed_arguments(self) -> dict[str, str]:
+        """Write the design as typed; values as recorded are left out."""
+        values, recorded = asdict(self), asdict(Design())
+        changed = {name: value for name, value in values.items() if value != recorded[name]}
+        return {f"skin.{name}": format_value(value) for name, value in changed.items()}
 
     def convert(self, corpus: Corpus) -> Corpus:
         """Captures as the skin measures them; with ``range=auto``, before the converter.

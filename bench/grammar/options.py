@@ -64,6 +64,14 @@ ALSO = _run_option(
     "also",
     "imported corpora, joined by +, whose people are in every training fold and never tested",
 )
+RECORDED = "recorded"
+OF_FILE = Option(  # of commands that use a saved model
+    "skin",
+    "text",
+    "design",
+    "recorded: FILE has frames of the skin that the model's design was made of",
+    ("design", RECORDED),
+)
 SEED = Option(
     "seed",
     "count",

@@ -35,7 +35,7 @@ def make_cells(values: Values) -> list[Cell]:
             systems.append((sets, variants))
         if not takes:
             systems.append(([None], variants))
-    skins = _make_skins(values, listed["skin"])
+    skins = make_skins(values)
     cells: dict[str, Cell] = {}
     for data, where, target, also, protocol in itertools.product(
         *(listed[key] for key in ("data", "where", "target", "also", "protocol"))
@@ -52,10 +52,11 @@ def make_cells(values: Values) -> list[Cell]:
     return [*cells.values()]
 
 
-def _make_skins(values: Values, names: list[str]) -> list[Part | None]:
+def make_skins(values: Values) -> list[Part | None]:
     """The skins of typed values; None for the recorded one, of which nothing is loaded."""
     if not any(key.partition(".")[0] == "skin" for key in values):
         return [None]
+    names = split_values("skin", values.get("skin", DEFAULTS["skin"]))
     variants = [make_part_variants(values, "skin", name, names, group="skins") for name in names]
     parts = itertools.chain.from_iterable(variants)
     return [p if p.changed_parameters() or p.name != DEFAULTS["skin"] else None for p in parts]

@@ -34,10 +34,11 @@ from mlflow.types.schema import AnyType
 
 from bench.corpora.corpus import Corpus, shared_frames
 from bench.corpora.read.table import corpus_from_table
+from bench.corpora.skin import design_of
 from bench.errors import InputError
 from bench.ground.digests import FOLDER_FILE, DamagedFile, check_folder, write_folder_digest
 from bench.ground.registry import FILE_MODULE_PREFIX
-from bench.ground.source import lies_in, package_folder
+from bench.ground.source import git_revisions, lies_in, package_folder
 from bench.running.fold import predict_to_table
 from bench.running.unlike import is_unlike_training, usual_range
 from bench.store.client import use_tracking_uri
@@ -65,6 +66,8 @@ class Recogniser(PythonModel):
     """
 
     format = ""  # of a model that another version has saved
+    skin: Mapping[str, Any] = {}  # a design and what was recorded; empty without a design
+    revision = ""  # of the checkout that saved it; git_revisions
 
     def __init__(
         self,
@@ -73,7 +76,7 @@ class Recogniser(PythonModel):
         stopping: Stopping | None = None,
         watcher: Any = None,
     ) -> None:
-        self.format, self.estimator = FORMAT, estimator
+        self.format, self.revision, self.estimator = FORMAT, git_revisions(), estimator
         self.stopping, self.watcher = stopping, watcher
         self.classes = np.unique(corpus.gestures.astype(str)).tolist()
         rows, cols = corpus.grid
@@ -84,6 +87,13 @@ class Recogniser(PythonModel):
         self.synthetic = corpus.synthetic
         self.step = reading_step(corpus)
         self.usual = usual_range(corpus)
+        if "design" in corpus.info:
+            self.skin = {name: corpus.info[name] for name in ("design", "recorded")}
+
+    @property
+    def design(self) -> Any:
+        """Its skin (`bench.corpora.skin.Design`), the range learned; None for the recorded one."""
+        return design_of(self.skin)
 
     @property
     def channels(self) -> list[str]:
@@ -114,6 +124,15 @@ class Recogniser(PythonModel):
         labels = pd.DataFrame({"label": label, "confidence": proba.max(axis=1)})
         labels["unlike"] = is_unlike_training(corpus, self.usual)
         return pd.concat([labels, proba], axis=1)
+
+    def label_nothing(self) -> None:
+        """Classify and watch a second without touch, which fails if code and model do not fit."""
+        frames = np.zeros((max(1, round(self.rate_hz)), *self.grid), np.float32)
+        captures = pd.DataFrame({"subject": [""], "gesture": self.classes[:1]})
+        second = Corpus.from_captures([frames], captures, self.rate_hz, full_scale=self.full_scale)
+        self.label(second)
+        if self.watcher is not None:
+            self.watcher.report_touches(second)
 
     def decide_on(self, corpus: Corpus, before: str | None) -> tuple[str, float, float | None]:
         """Classify the frames of one capture so far.
@@ -333,6 +352,14 @@ def load_recogniser(model: str) -> Recogniser:
         raise InputError(
             f"{model} was saved by another version of touchbench; save it again with bench fit"
         )
+    if recogniser.revision != git_revisions():
+        try:
+            recogniser.label_nothing()
+        except (AttributeError, ImportError, TypeError) as e:
+            raise InputError(
+                f"{model} was saved by another commit of touchbench, which this one cannot use "
+                f"({e}); save it again with bench fit"
+            ) from e
     return recogniser
 
 

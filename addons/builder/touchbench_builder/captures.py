@@ -18,9 +18,9 @@ WARN_SATURATED = 0.01  # above which a certificate names it
 
 
 def data_arguments(values: Mapping[str, str]) -> dict[str, str]:
-    """The keys that name captures: ``data``, its parameters, and ``where``."""
+    """The keys that name captures: ``data``, its parameters, ``where``, and a designed skin."""
     named = {key: key.partition(".")[0] for key in values}
-    return {key: values[key] for key in values if named[key] in ("data", "where")}
+    return {key: values[key] for key in values if named[key] in ("data", "where", "skin")}
 
 
 def load_corpus(arguments: Mapping[str, str]) -> Corpus:

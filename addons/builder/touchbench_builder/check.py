@@ -72,6 +72,10 @@ def check_build(words: list[str], values: Mapping[str, Any]) -> int:
     if unused := sorted(values.keys() - arguments.keys()):
         raise InputError(f"bench build check takes data= and where=; leave {unused[0]}= out")
     corpus = load_corpus(arguments)
+    recorded = facts["data"]["recorded"] or {}
+    if ([*corpus.grid], corpus.rate_hz) == (recorded.get("grid"), recorded.get("rate_hz")):
+        arguments |= facts["data"]["skin"]
+        corpus = load_corpus(arguments)
     _check_captures(corpus, facts)
     level, promises = ALPHA, []
     if facts["stream"]:

@@ -1,6 +1,6 @@
 """The command of this package, without anything heavy."""
 
-from bench.grammar.options import SHIP, TRUST_NOTE, Command, Option
+from bench.grammar.options import OF_FILE, SHIP, TRUST_NOTE, Command, Option
 
 ADAPT = Command(
     SHIP,
@@ -13,11 +13,12 @@ ADAPT = Command(
     "before. Of a folder of bench build, it writes C again. bench run protocol=personal measures "
     f"the gain for new people. {TRUST_NOTE}",
     "bench adapt rec anna.csv out=rec_anna\nbench adapt robot anna.csv out=robot_anna",
-    "MODEL FILE out=FOLDER [rate_hz=HZ] [anyway=yes]",
+    "MODEL FILE out=FOLDER [rate_hz=HZ] [skin=recorded] [anyway=yes]",
     module="touchbench_people.commands",
     options=(
         Option("out", "text", "", "folder for the adapted model; new or empty"),
         Option("rate_hz", "number", None, "frame rate of FILE in Hz; must equal the model's"),
+        OF_FILE,
         Option("anyway", "yes", False, "yes: write it even if it is worse for this person"),
     ),
 )
