@@ -32,7 +32,7 @@ from bench.values.measures import (
     text_measure,
     value_or_none,
 )
-from bench.values.result import COMPARISON_TAGS, MIXED_NOTE, Result, footnotes_of_system
+from bench.values.result import ALSO_MARK, COMPARISON_TAGS, MIXED_NOTE, Result, footnotes_of_system
 from bench.values.scores import label_captures
 from bench.values.sentences import render_sentences
 from bench.values.table import Table, rows_of_frame
@@ -349,12 +349,30 @@ def summarise_group(
     if len(systems) == 1:
         alone = f"Only {systems[0]} has a run here, so there is no other system to compare."
         lines.insert(1, alone)
+    lines[1:1] = added_people_sentences(subjects)
     notes = [note for system in systems for note in footnotes_of_system(system, first["data"])]
     summary.lines = [*lines, *dict.fromkeys(notes)]
     if command := _choose_command(candidates.table, first, all_results):
         limits = [all_costs()[cost].format_budget(value) for cost, value in budgets.items()]
         summary.command = " ".join([command, *limits])
     return summary
+
+
+def added_people_sentences(subjects: pd.DataFrame) -> list[str]:
+    """What the people of other corpora in training change, for each system with a plain run.
+
+    Args:
+        subjects: accuracy in percent [systems, subjects].
+    """
+    sentences = []
+    for system in subjects.index:
+        plain, mark, also = system.partition(ALSO_MARK)
+        plain = plain.rstrip()
+        if mark and plain in subjects.index:
+            test = statistics.paired_test(subjects.loc[system], subjects.loc[plain])
+            values = {"plain": plain, "also": also, "people": subjects.shape[1]} | test
+            sentences += render_sentences("bench.reports", "sentences", "added", **values)
+    return sentences
 
 
 def _choose_command(table: pd.DataFrame, first: Result, results: Sequence[Result]) -> str:

@@ -81,6 +81,9 @@ class Watching:
     def load_captures(cell: Cell) -> Corpus:
         """Training data of a saved system: captures, or recordings with their background."""
         if holds_recordings(cell.data):
+            if cell.also:
+                name = cell.data
+                raise InputError(f"also= adds captures, and {name} has recordings; leave also= out")
             recorded = load_recordings(cell.data, where=cell.where, design=cell.design)
             return drop_doubtful(recorded)
         return captures_of_cell(cell)
