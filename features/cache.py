@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable
 from contextlib import suppress
 from functools import lru_cache
 from io import BytesIO
@@ -22,40 +21,22 @@ from sklearn.base import BaseEstimator
 from bench.corpora.corpus import Corpus, unblind
 from bench.corpora.folder import open_folder
 from bench.features.signals import capture_blocks
-from bench.ground.digests import check_parquet, parquet_with_digest
+from bench.ground.digests import check_parquet, write_parquet_with_digest
 from bench.ground.scratch import data_folder, remove_path, write_then_rename
-from bench.ground.source import source_digest
+from bench.ground.source import loaded_code_digest
 
 BLOCK_VALUES = 1 << 24  # sensor values of captures whose features are computed at once
 KEPT_BYTES = 1 << 26  # of a file whose table stays in memory for the next fold
 pa.set_memory_pool(pa.system_memory_pool())  # which returns freed memory at once
-# Code that is loaded does not change.
-_code_digest: Callable[..., str] = lru_cache(maxsize=64)(source_digest)
 PIECE_COLUMNS = ("of capture", "piece")  # columns that identify the rows of a table after steps
 
 
 def load_or_extract(features: BaseEstimator, X: Corpus) -> pd.DataFrame:
     """Features of each capture [captures, n_features]; of a stored corpus, loaded if stored."""
     stored, visible = unblind(X), features.conditions
-    X = X.blind(visible)
-    if not stored.digest or stored.path is None:
-        return features.extract(X)
-    path = _table_path(features, stored.digest, stored.steps)
-    table = _load_table(path)
+    table = _load_or_store(features, stored, stored.steps)
     if table is None:
-        with suppress(OSError):
-            path.parent.mkdir(parents=True, exist_ok=True)
-        corpus = open_folder(stored.path) if os.access(path.parent, os.W_OK) else None
-        # Another corpus may have replaced the one that is mapped.
-        if corpus is None or corpus.digest != stored.digest:
-            return features.extract(X)
-        table = _extract_blocks(features, corpus.blind(visible), stored.steps)
-        table.to_parquet(buffer := BytesIO(), index=False)
-        with suppress(OSError):  # a full disk only costs time
-            if path.exists() and not path.is_file():
-                remove_path(path)
-            with write_then_rename(path) as part:
-                part.write_bytes(parquet_with_digest(buffer.getvalue()))
+        return features.extract(X.blind(visible))
     if not stored.steps:
         return table.iloc[stored.index].reset_index(drop=True)
     pieces = pd.MultiIndex.from_arrays([stored.index, stored.piece])
@@ -64,17 +45,42 @@ def load_or_extract(features: BaseEstimator, X: Corpus) -> pd.DataFrame:
 
 
 def load_after_steps(features: BaseEstimator, X: Corpus, steps: tuple) -> pd.DataFrame | None:
-    """Stored features of all captures after steps, with `PIECE_COLUMNS`; None if there are none."""
+    """Features of all captures of a stored corpus after steps, with `PIECE_COLUMNS`, else None."""
     stored = unblind(X)
-    if not stored.digest or stored.path is None or stored.steps or not steps:
+    return None if stored.steps or not steps else _load_or_store(features, stored, steps)
+
+
+def _load_or_store(features: BaseEstimator, stored: Corpus, steps: tuple) -> pd.DataFrame | None:
+    """Load the table of all captures after steps, or extract and store it.
+
+    None for captures that belong to no stored corpus, and if the table cannot be stored.
+    """
+    if not stored.digest or stored.path is None:
         return None
-    return _load_table(_table_path(features, stored.digest, steps))
+    path = _table_path(features, stored.digest, steps)
+    table = _load_table(path)
+    if table is not None:
+        return table
+    with suppress(OSError):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    corpus = open_folder(stored.path) if os.access(path.parent, os.W_OK) else None
+    # Another corpus may have replaced the one that is mapped.
+    if corpus is None or corpus.digest != stored.digest:
+        return None
+    table = _extract_blocks(features, corpus.blind(features.conditions), steps)
+    table.to_parquet(buffer := BytesIO(), index=False)
+    with suppress(OSError):  # a full disk only costs time
+        if path.exists() and not path.is_file():
+            remove_path(path)
+        with write_then_rename(path) as part, part.open("wb") as file:
+            write_parquet_with_digest(buffer.getbuffer(), file)
+    return table
 
 
 def cache_key(features: BaseEstimator, digest: str, steps: tuple = ()) -> str:
     """Hash of corpus, steps, class, parameters and source code."""
     name, parameters, own_code = features.cache_identity()
-    code = _code_digest(own_code, *(code for step in steps for code in step.code_objects()))
+    code = loaded_code_digest(own_code, *(code for step in steps for code in step.code_objects()))
     parts = (digest, name, repr(parameters), code, repr(steps))
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:32]
 
@@ -96,9 +102,10 @@ def _load_table(path: Path) -> pd.DataFrame | None:
 def _read_table(path: Path) -> pd.DataFrame:
     if not path.is_file():  # a pipe would wait
         raise FileNotFoundError(path)
-    content = path.read_bytes()
-    check_parquet(content)
-    return pd.read_parquet(BytesIO(content))
+    with path.open("rb") as file:
+        check_parquet(file.read())
+        file.seek(0)
+        return pd.read_parquet(file)
 
 
 def _extract_blocks(features: BaseEstimator, corpus: Corpus, steps: tuple) -> pd.DataFrame:

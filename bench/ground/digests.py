@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 
 class DamagedFile(ValueError):
@@ -34,21 +34,27 @@ def split_digest(content: bytes) -> bytes:
     return content[:-DIGITS]
 
 
-def parquet_with_digest(content: bytes) -> bytes:
-    """Add a digest to the content of a parquet file: before its footer, where readers skip it."""
-    footer = _footer_start(content)
-    return content[:footer] + _digest(content) + content[footer:]
+def write_parquet_with_digest(content: bytes | memoryview, file: BinaryIO) -> None:
+    """Write the content of a parquet file with a digest before its footer, where readers skip it.
+
+    The content is not copied, as it may be large.
+    """
+    with memoryview(content) as view:
+        footer = _footer_start(view)
+        for part in (view[:footer], _digest(view), view[footer:]):
+            file.write(part)
 
 
-def check_parquet(content: bytes) -> None:
-    """Check the content that `parquet_with_digest` has returned."""
-    footer = _footer_start(content)
-    start = max(0, footer - DIGITS)
-    if content[start:footer] != _digest(content[:start] + content[footer:]):
-        raise DamagedFile("it differs from what was written")
+def check_parquet(content: bytes | memoryview) -> None:
+    """Check the content that `write_parquet_with_digest` has written; it is not copied."""
+    with memoryview(content) as view:
+        footer = _footer_start(view)
+        start = max(0, footer - DIGITS)
+        if view[start:footer] != _digest(view[:start], view[footer:]):
+            raise DamagedFile("it differs from what was written")
 
 
-def _footer_start(content: bytes) -> int:
+def _footer_start(content: memoryview) -> int:
     length = int.from_bytes(content[-PARQUET_END:][:4], "little")
     return max(0, len(content) - PARQUET_END - length)
 
@@ -93,8 +99,11 @@ def _file_digest(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _digest(content: bytes) -> bytes:
-    return hashlib.sha256(content).hexdigest().encode()
+def _digest(*parts: bytes | memoryview) -> bytes:
+    digest = hashlib.sha256()
+    for part in parts:
+        digest.update(part)
+    return digest.hexdigest().encode()
 
 
 def _json_digest(values: object) -> str:

@@ -63,6 +63,10 @@ def source_digest(*parts: Code) -> str:
     return digest.hexdigest()
 
 
+# Code that is loaded does not change.
+loaded_code_digest: Callable[..., str] = lru_cache(maxsize=64)(source_digest)
+
+
 def _hash_data_files(path: str | Path, names: object) -> Iterator[bytes]:
     """Hash the files that a file of the user's names in ``depends``."""
     if not names or not isinstance(names, list | tuple) or not is_user_code(str(path)):

@@ -13,7 +13,7 @@ from typing import Any, BinaryIO
 import pandas as pd
 
 from bench.errors import InputError
-from bench.ground.digests import check_parquet, parquet_with_digest
+from bench.ground.digests import check_parquet, write_parquet_with_digest
 
 # Tables that are stored as CSV too: MLflow's page shows no parquet
 CSV_TABLES = ("confusion", "per_class", "chosen", "trials")
@@ -30,11 +30,11 @@ def table_file(name: str) -> str:
 def write_table(table: pd.DataFrame, path: Path | BinaryIO) -> None:
     """Write a table as parquet."""
     as_stored(table).to_parquet(buffer := BytesIO(), index=False)
-    content = parquet_with_digest(buffer.getvalue())
-    if isinstance(path, Path):
-        path.write_bytes(content)
-    else:
-        path.write(content)
+    if not isinstance(path, Path):
+        write_parquet_with_digest(buffer.getbuffer(), path)
+        return
+    with path.open("wb") as file:
+        write_parquet_with_digest(buffer.getbuffer(), file)
 
 
 def read_table(

@@ -70,7 +70,7 @@ def test_the_key_depends_on_corpus_parameters_class_and_code(monkeypatch):
     key = cache_key(Jung54(), "a")
     assert len({*(cache_key(f, "a") for f in features), cache_key(Jung54(), "b"), key}) == 5
     parse_file = source._parse_file
-    monkeypatch.setattr(cache, "_code_digest", source.source_digest)  # without its own cache
+    monkeypatch.setattr(cache, "loaded_code_digest", source.source_digest)  # as in a new process
     for name in ("signals.py", "jung28.py", "jung54.py", "gaus.py"):
 
         def parse_changed_file(path, stamp, name=name):
@@ -95,6 +95,6 @@ def test_a_folder_that_cannot_be_written_only_costs_time(
     def full(*_, **__):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(Path, "write_bytes", full)
+    monkeypatch.setattr(cache, "write_parquet_with_digest", full)
     assert Jung28().transform(stored[3:5]).equals(expected)
     assert not list((data_folder() / "features").iterdir())

@@ -21,7 +21,7 @@ import pandas as pd
 from bench.corpora.windows import Step
 from bench.ground.digests import append_digest, split_digest
 from bench.ground.scratch import data_folder, write_then_rename
-from bench.ground.source import package_versions, source_digest
+from bench.ground.source import loaded_code_digest, package_versions
 from bench.models.recipe import apply_steps
 from touchbench_streams.detectors.detector import (
     Detector,
@@ -129,7 +129,7 @@ def _cache_key(
     false_alarms: float,
 ) -> str:
     """Hash of all arguments of `learn_detector`, of its code, and of versions."""
-    code = source_digest(
+    code = loaded_code_digest(
         __name__,
         type(detector),
         *(part for step in (*steps, *steps_of_names) for part in step.code_objects()),
