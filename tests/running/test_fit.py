@@ -162,14 +162,20 @@ def test_what_cannot_be_fitted_or_loaded_is_refused(monkeypatch, capsys):
         assert fact in capsys.readouterr().err.splitlines()[-1]
     old = Recogniser(Level(), CORPUS)
     old.format = "0"
-    held = iter([object(), old])
+    fitted = Level().fit(CORPUS, CORPUS.gestures)
+    of_commit, fit = Recogniser(fitted, CORPUS), Recogniser(fitted, CORPUS)
+    of_commit.revision, of_commit.usual = "", None  # as code of before, whose range was a tuple
+    fit.revision = ""
+    held = iter([object(), old, of_commit, fit])
     monkeypatch.setattr(
         mlflow.pyfunc, "load_model", lambda _: SimpleNamespace(unwrap_python_model=held.__next__)
     )
     write_folder_digest(Path("full"))
-    for fact in ("full is not a model of touchbench", "full was saved by another version"):
-        with pytest.raises(InputError, match=fact):
+    facts = "is not a model of touchbench", "saved by another version", "saved by another commit"
+    for fact in facts:
+        with pytest.raises(InputError, match=f"full .*{fact}"):
             load_recogniser("full")
+    assert load_recogniser("full") is fit
 
 
 def test_files_are_labelled_whatever_their_format_and_a_bad_one_is_one_line(monkeypatch, capsys):
