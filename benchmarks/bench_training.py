@@ -7,18 +7,34 @@ captures like CoST's, or of 432 frames at 54 Hz like HAART's. On a busy machine,
 processor time.
 
     python benchmarks/bench_training.py [system ...] [threads=1] [rounds=5] [precision=bfloat16]
+
+With a device it compares the way of a card: the product, the order of a processor on the same
+device, a plain loop over windows on the device that never reads the loss, and a CUDA graph of its
+step. It prints seconds per epoch and launches per step, then the time of all LOSO folds at once
+and of one of them alone. On a processor, launches are the operations that compute or copy; a graph
+needs a card.
+
+    python benchmarks/bench_training.py device=cuda [system ...] [captures=746] [folds=10]
+        [epochs=50] [rounds=5] [data=haart]
+    python benchmarks/bench_training.py device=cpu captures=84 folds=3 epochs=1 rounds=1
 """
 
 import copy
 import sys
 import time
+from collections import Counter
+from collections.abc import Callable
+from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import torch
 from torch import nn
+from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils.data import DataLoader, TensorDataset
 
+import bench
 from bench.corpora.corpus import Corpus
 from bench.corpora.synth import generate
 from bench.models.nets.cnn85 import CNN85, SelectiveSGD
@@ -28,11 +44,19 @@ from bench.models.nets.hughes2017 import (
     Hughes2017AERNN,
     Hughes2017CNN,
     Hughes2017CNNRNN,
+    Recurrent,
 )
 from bench.models.nets.ren2023 import Ren2023Transformer
 from bench.models.nets.taxel_major import run_taxel_major
-from bench.models.nets.time_blocks import TimeConv3d
-from bench.models.nets.training import Optimiser, Schedule, Sequences, train_network
+from bench.models.nets.touchnet import TouchNet
+from bench.models.nets.training import (
+    Dropout,
+    Optimiser,
+    Schedule,
+    Sequences,
+    Training,
+    train_alone,
+)
 from bench.models.nets.window import WindowNet
 from bench.models.nets.zhou2016 import Zhou2016CNN2D, Zhou2016CNN3D, Zhou2016GMLSTM, Zhou2016LRCN
 
@@ -52,6 +76,14 @@ SYSTEMS = {
     "ren2023_transformer": (Ren2023Transformer, partial(torch.optim.Adam, lr=1e-4), 43),
 }
 
+ON_DEVICE = {
+    "cnn85": (CNN85, SGD),
+    "hughes2017_cnn": (Hughes2017CNN, RMSPROP),
+    "zhou2016_3dcnn": (Zhou2016CNN3D, partial(torch.optim.Adam, lr=1e-3)),
+    "touchnet": (TouchNet, partial(torch.optim.AdamW, lr=4e-3)),
+}
+NO_LAUNCH = ("_unsafe_view", "detach", "lift_fresh", "_to_copy.meta")
+
 
 class Padded(nn.Module):
     """Map windows [batch, steps, frames, rows, cols] to logits [batch, classes, steps]."""
@@ -69,17 +101,18 @@ class Padded(nn.Module):
 def with_library_layers(net: nn.Module) -> nn.Module:
     """A copy of a network with the library's layers in place of our own."""
     net = copy.deepcopy(net).to(memory_format=torch.contiguous_format)
-    if hasattr(net, "within"):
-        rnn = nn.RNN(net.into.in_features, net.units, batch_first=True)
-        weights = (net.into.weight, net.within.weight, net.into.bias, torch.zeros(net.units))
+    if isinstance(net, Recurrent):
+        first, within = net.input_layer, net.recurrent_layer
+        rnn = nn.RNN(first.in_features, net.units, batch_first=True)
+        weights = (first.weight, within.weight, first.bias, torch.zeros(net.units))
         with torch.no_grad():
             for ours, theirs in zip(rnn.parameters(), weights, strict=True):
                 ours.copy_(theirs)
         return Padded(with_library_layers(net.encoder), rnn, net.head)
-    if isinstance(net[0], TimeConv3d):
-        conv = nn.Conv3d(1, net[0].out_channels, net[0].kernel_size)
-        conv.load_state_dict(net[0].state_dict())
-        return nn.Sequential(nn.Unflatten(1, (1, -1)), conv, *net[1:])
+    for layer in net.modules():
+        for name, child in layer.named_children():
+            if isinstance(child, Dropout):
+                setattr(layer, name, nn.Dropout(child.p))
     return net
 
 
@@ -147,12 +180,12 @@ def compare_loops(name: str, threads: int, rounds: int, precision: str = "") -> 
     loader = DataLoader(data, batch_size=batch, shuffle=True, drop_last=True)
     rate = optimiser.keywords["lr"]
     sgd = SelectiveSGD(net, (rate,)) if name == "cnn85" else Optimiser(optimiser(net.parameters()))
-    sgd.before_epoch = lambda *_: None  # the others do not search their rate
+    sgd.before_epoch = lambda *_: ()  # the others do not search their rate
+    schedule = Schedule(1, batch, seed=0)
+    training = Training(net, samples, target, sgd, schedule, lambda _, x: forward(x))
     epochs = {
         "plain": partial(train_plainly, theirs, optimiser(theirs.parameters()), loader),
-        "ours": partial(
-            train_network, net, samples, target, sgd, Schedule(1, batch, seed=0), forward
-        ),
+        "ours": lambda: train_alone(training.iterate(), 0),
     }
     count = len(samples) // batch * batch
     line = f"{name}: {len(samples)} samples, batches of {batch}, {threads} threads"
@@ -169,12 +202,164 @@ def compare_loops(name: str, threads: int, rounds: int, precision: str = "") -> 
     print(f"  ours over plain: {wall:.2f} (processor time {cpu:.2f})", flush=True)
 
 
+class Operations(TorchDispatchMode):
+    """Counts operations that compute or copy: what a card launches."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.counts = Counter()
+
+    def __torch_dispatch__(self, func, types, args=(), kwargs=None):
+        """Run an operation, and count it unless it is a view."""
+        if not func.is_view and not str(func).startswith(tuple(f"aten.{n}" for n in NO_LAUNCH)):
+            self.counts[str(func)] += 1
+        return func(*args, **kwargs or {})
+
+
+@contextmanager
+def counted_launches(device: torch.device, counts: dict[str, int]):
+    """Count launches meanwhile: kernels, copies and waits of a card, else operations."""
+    if device.type != "cuda":
+        with Operations() as operations:
+            yield
+        counts["operations"] = operations.counts.total()
+        return
+    activities = [torch.profiler.ProfilerActivity.CPU, torch.profiler.ProfilerActivity.CUDA]
+    with torch.profiler.profile(activities=activities) as profile:
+        yield
+        torch.cuda.synchronize()
+    events = profile.events()
+    names = [e.name for e in events if e.device_type == torch.autograd.DeviceType.CUDA]
+    counts["copies"] = sum(name.startswith(("Memcpy", "Memset")) for name in names)
+    counts["kernels"] = len(names) - counts["copies"]
+    counts["waits"] = sum("Synchronize" in e.name for e in events) - 1
+
+
+def epoch_seconds(epoch: Callable[[], object], device: torch.device, rounds: int) -> float:
+    """Median seconds of an epoch, after one that is not timed."""
+    seconds = []
+    for _ in range(rounds + 1):
+        started = time.perf_counter()
+        epoch()
+        if device.type == "cuda":
+            torch.cuda.synchronize()
+        seconds.append(time.perf_counter() - started)
+    return float(np.median(seconds[1:]))
+
+
+def begin_training(system: type[WindowNet], corpus: Corpus, device: str) -> Training:
+    """One epoch of a system's training, without the search of a rate."""
+    model = system(device=device)
+    torch.manual_seed(0)
+    training = next(model.train_in_steps(corpus, corpus.gestures)).training
+    training.optimiser.before_epoch = lambda *_: ()
+    if hasattr(training.optimiser, "inner"):
+        for group in training.optimiser.inner.param_groups:
+            group["foreach"] = True  # the default of a card
+    return replace(training, schedule=replace(training.schedule, epochs=1), judge=None)
+
+
+def plain_steps(training: Training, optimiser: Callable) -> tuple[Callable, Callable, list]:
+    """A plain step on a batch, one on row numbers, and the tensors of a first batch."""
+    device, samples = training.device, training.samples
+    net = with_library_layers(training.net).train()
+    descent, criterion = optimiser(net.parameters()), nn.CrossEntropyLoss()
+    labels = torch.from_numpy(training.target).to(device)
+    rows = np.arange(min(training.schedule.batch, len(samples)))
+    if isinstance(samples.make_example(), tuple):  # drawn anew in each batch
+        cut = samples.make_batch
+    else:
+        windows = torch.cat(
+            [
+                samples.make_batch(part)
+                for part in np.split(np.arange(len(samples)), range(1000, len(samples), 1000))
+            ]
+        )
+        cut = lambda rows: windows[torch.from_numpy(rows).to(device)]  # noqa: E731
+
+    def learn(x: object, expected: torch.Tensor) -> None:
+        descent.zero_grad(set_to_none=True)
+        criterion(net(x), expected).backward()
+        descent.step()
+
+    def learn_rows(rows: np.ndarray) -> None:
+        learn(cut(rows), labels[torch.from_numpy(rows).to(device)])
+
+    return learn, learn_rows, [cut(rows), labels[: len(rows)].clone()]
+
+
+def capture_graph(learn: Callable, batch: list) -> torch.cuda.CUDAGraph:
+    """A CUDA graph of a step on fixed tensors."""
+    stream = torch.cuda.Stream()
+    stream.wait_stream(torch.cuda.current_stream())
+    with torch.cuda.stream(stream):
+        for _ in range(3):
+            learn(*batch)
+    torch.cuda.current_stream().wait_stream(stream)
+    graph = torch.cuda.CUDAGraph()
+    with torch.cuda.graph(graph):
+        learn(*batch)
+    return graph
+
+
+def compare_on_device(
+    name: str, device: torch.device, corpus: Corpus, folds: int, epochs: int, rounds: int
+) -> None:
+    """Print seconds per epoch and launches per step of each loop, and the time of all folds."""
+    system, optimiser = ON_DEVICE[name]
+    optimiser = partial(optimiser, foreach=True)
+    if device.type == "cuda" and name != "cnn85":
+        optimiser = partial(optimiser, capturable=True)
+    card, processor = (type(name, (system,), {"on_card": way}) for way in (True, False))
+    training = begin_training(card, corpus, str(device))
+    batch = min(training.schedule.batch, len(training.samples))
+    batches = np.random.default_rng(0).permutation(len(training.samples))
+    batches = batches[: len(batches) // batch * batch].reshape(-1, batch)
+    print(f"{name}: {len(batches)} steps of {batch} on {device}, torch {torch.__version__}")
+    learn, learn_rows, fixed = plain_steps(training, optimiser)
+    loops = {
+        "product": (training.learn, lambda: train_alone(training.iterate(), 0)),
+        "plain": (learn_rows, lambda: [learn_rows(rows) for rows in batches]),
+    }
+    if device.type == "cuda":
+        graph = capture_graph(learn, fixed)
+        loops["graph"] = lambda rows: graph.replay(), lambda: [graph.replay() for _ in batches]
+    else:
+        before = begin_training(processor, corpus, "cpu")
+        loops["processor's order"] = before.learn, lambda: train_alone(before.iterate(), 0)
+    for loop, (step, epoch) in loops.items():
+        seconds, counts = epoch_seconds(epoch, device, rounds), {}
+        with counted_launches(device, counts):
+            step(batches[0])
+        words = ", ".join(f"{count} {word}" for word, count in counts.items())
+        print(f"  {loop:18} {seconds:8.4f} s per epoch; a step: {words}", flush=True)
+    people = np.unique(corpus.subjects)[:folds]
+    parts = [corpus[corpus.subjects != person] for person in people]
+    length = {"updates": 30 * epochs} if name == "touchnet" else {"epochs": epochs}
+    alone, *systems = (card(device=str(device), **length) for _ in range(len(parts) + 1))
+    one = epoch_seconds(lambda: alone.fit(parts[0], parts[0].gestures), device, 1)
+    started = time.perf_counter()
+    failures = card.fit_together(systems, parts)
+    words = f"{len(parts)} LOSO folds at once {time.perf_counter() - started:.1f} s"
+    print(f"  {words}, one alone {one:.1f} s, failed {sum(map(bool, failures))}", flush=True)
+
+
 def main(*arguments: str) -> None:
     """Compare the systems that are named, or all."""
     options = dict(a.split("=") for a in arguments if "=" in a)
     threads = int(options.get("threads", 1))
     torch.set_num_threads(threads)
-    for name in [a for a in arguments if "=" not in a] or SYSTEMS:
+    names = [a for a in arguments if "=" not in a]
+    if device := options.get("device"):
+        sizes = {"folds": 10, "epochs": 50, "rounds": 5}
+        sizes = {key: int(options.get(key, size)) for key, size in sizes.items()}
+        corpus = generate_haart_like(int(options.get("captures", 746)))
+        if data := options.get("data"):
+            corpus = bench.corpus(data)
+        for name in names or ON_DEVICE:
+            compare_on_device(name, torch.device(device), corpus, **sizes)
+        return
+    for name in names or SYSTEMS:
         compare_loops(name, threads, int(options.get("rounds", 5)), options.get("precision", ""))
 
 
