@@ -6,6 +6,7 @@
 PARTS = {
     "loso": "bench.protocols.subjects:LOSO",
     "sessions": "bench.protocols.subjects:Sessions",
+    "pairs": "bench.protocols.subjects:Pairs",
     "groupkfold": "bench.protocols.subjects:SubjectKFold",
     "challenge": "bench.protocols.challenge:Challenge",
     "kfold": "bench.protocols.captures:CaptureKFold",

@@ -53,6 +53,40 @@ class LOSO(CaptureSplitter):
 
 
 @dataclass(eq=False, repr=False)
+class Pairs(CaptureSplitter):
+    """Leave two subjects out together: a fold for each pair of a certain distance.
+
+    A choice for one of the two by the accuracy on the other depends on no capture of the first.
+
+    Args:
+        apart: places between the two, in natural order and from the last subject on to the first.
+    """
+
+    apart: int = 1
+
+    def label(self, corpus: Corpus) -> str:
+        """Protocol label of every row of results."""
+        return f"two left out, {self.apart} apart ({len(set(corpus.subjects))} subjects)"
+
+    def split(self, X: Corpus, y: object = None, groups: np.ndarray | None = None) -> Folds:
+        """Yield (train, test) capture indices, pairs in natural order of their first subject.
+
+        Raises:
+            InputError: fewer than three subjects, or no two are that far apart.
+        """
+        groups = np.asarray(X.subjects if groups is None else groups)
+        names = sort_naturally(groups)
+        count = len(names)
+        if count < 3 or not 1 <= self.apart <= count // 2:
+            advice = f"give 1 to {count // 2}" if count > 2 else "three are needed; widen where="
+            fact = f"{X.name} has {count} subjects here"
+            raise InputError(f"protocol.apart={self.apart}: {fact}; {advice}")
+        for i in range(self.apart if 2 * self.apart == count else count):
+            test = np.isin(groups, [names[i], names[(i + self.apart) % count]])
+            yield np.flatnonzero(~test), np.flatnonzero(test)
+
+
+@dataclass(eq=False, repr=False)
 class SubjectKFold(CaptureSplitter):
     """K folds of whole subjects (scikit-learn's `GroupKFold`).
 

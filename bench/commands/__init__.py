@@ -13,6 +13,7 @@ PARTS = {
     "compare": "bench.commands.declarations:COMPARE_SYSTEMS",
     "stress": "bench.commands.declarations:STRESS",
     "tune": "bench.commands.declarations:TUNE",
+    "skin": "bench.commands.declarations:SKIN_DESIGNS",
     "audit": "bench.commands.declarations:AUDIT",
     "ui": "bench.commands.declarations:UI",
     "predict": "bench.commands.declarations:PREDICT",

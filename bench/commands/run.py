@@ -131,3 +131,17 @@ def print_results(name: str, results: list[Result], circumstances: Iterable[str]
 def run_cells(cells: list[Cell], executor: FoldExecutor) -> list[Result]:
     """Run cells of captures as ``bench run`` does; return a result for each."""
     return run_plans(make_plans(cells, executor.jobs), executor)
+
+
+def run_complete(cells: Sequence[Cell], values: Values) -> list[Result]:
+    """Run cells with the workers that typed values name; refuse to go on without one of the folds.
+
+    Raises:
+        InputError: a fold failed.
+    """
+    results = run_cells([*cells], make_executor(values))
+    for result in results:
+        for fold, failure in result.errors.items():
+            reason = f"{failure.reason}; traceback: {failure.where}"
+            raise InputError(f"{result.system}: fold {fold} failed: {reason}")
+    return results

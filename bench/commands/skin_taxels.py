@@ -1,0 +1,65 @@
+"""``bench skin wired=``: which taxels of a skin to wire, chosen one after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+
+import numpy as np
+
+from bench.commands.run import run_complete
+from bench.corpora.library import open_corpus
+from bench.corpora.skin import Design
+from bench.errors import check_value
+from bench.ground.typed import Values
+from bench.plan.cells import Cell, Part
+from bench.reading.designs import TaxelOrder
+
+
+def order_taxels(cell: Cell, count: int, values: Values) -> list[TaxelOrder]:
+    """Add taxels one after the other, or remove them if that is shorter; for two halves of people.
+
+    Each step takes the taxel with which the system is the most accurate on people of the half, each
+    left out in turn. The accuracy on the other half is of systems trained on all but the person.
+
+    Args:
+        cell: the system on one design, whose taxels are all wired.
+        count: number of taxels to be wired.
+        values: typed values, which name the workers.
+    """
+    corpus = open_corpus(cell.data, cell.data_parameters)
+    people = [*dict.fromkeys(corpus.subjects)]
+    design = cell.design or Design()
+    shape = tuple(map(int, design.grid.split("x"))) if design.grid else corpus.grid
+    rows, cols = (np.arange(n) * k // n for n, k in zip(corpus.grid, shape, strict=True))
+    number = shape[0] * shape[1]
+    check_value("wired", count, 1 <= count < number, f"1 to {number - 1}")
+    merged = (rows[:, None] * shape[1] + cols).ravel()  # taxel of each recorded one
+    is_adding = 2 * count <= number
+    orders = []
+
+    def wire(changed: Sequence[int], where: str) -> Cell:
+        is_wired = np.isin(merged, changed) == is_adding
+        channels = tuple(str(i + 1) for i in np.flatnonzero(is_wired))
+        skin = Part("skins", "design", asdict(replace(design, taxels=channels)))
+        return replace(cell, skin=skin, where=where)
+
+    for half in (people[::2], people[1::2]):
+        where = f"subject in {half}" if not cell.where else f"({cell.where}) and subject in {half}"
+        path: list[int] = []
+        for _ in range(count if is_adding else number - count):
+            rest = [i for i in range(number) if i not in path]
+            results = run_complete([wire([*path, i], where) for i in rest], values)
+            means = [np.mean([*result.accuracy_by_subject.values()]) for result in results]
+            path.append(rest[int(np.argmax(means))])
+        steps = np.arange(1, len(path) + 1)
+        results = run_complete([wire(path[:step], cell.where) for step in steps], values)
+        others = [name for name in people if name not in half]
+        accuracy = [[r.accuracy_by_subject[name] for name in others] for r in results]
+        order = np.zeros(number, int)
+        order[path] = steps
+        wired = steps if is_adding else number - steps
+        verb = "added" if is_adding else "removed"
+        shares = np.array(accuracy)
+        orders.append(TaxelOrder(half, verb, order.reshape(shape), wired.tolist(), shares))
+    return orders

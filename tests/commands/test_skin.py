@@ -1,0 +1,151 @@
+"""The search of a skin: pairs of people, the choice for a person, its runs and figures."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bench.commands.run import run_from_python
+from bench.commands.skin import command, search_designs, search_taxels
+from bench.errors import InputError
+from bench.grammar.options import key_options, parse_arguments
+from bench.protocols.subjects import LOSO
+from bench.reading.designs import best_half, changed_property, cheapest_design
+from bench.values.scores import label_captures
+from tests.conftest import predictions, random_corpus, runs
+
+SMALL = "data.subjects=4 data.variants=normal data.repetitions=2 model=lda features=jung28 jobs=1"
+LINE = f"{SMALL} skin.grid=4x4,1x1 skin.curve=log"
+
+
+def parse_skin(line):
+    return parse_arguments(line.split(), key_options("skin"))
+
+
+@given(st.integers(3, 9), st.data())
+def test_pairs_test_each_person_with_one_on_either_side_and_train_on_neither(people, data):
+    from bench.protocols.subjects import Pairs
+
+    apart = data.draw(st.integers(1, people // 2))
+    corpus = random_corpus(subjects=people, per_class=1, longest=3)
+    names = [str(i + 1) for i in range(people)]
+    met = {name: set() for name in names}
+    for train, test in Pairs(apart).split(corpus):
+        tested = {*corpus.subjects[test]}
+        assert len(tested) == 2 and tested | {*corpus.subjects[train]} == {*names}
+        assert not tested & {*corpus.subjects[train]}
+        for name in tested:
+            met[name] |= tested - {name}
+    for i, name in enumerate(names):
+        assert met[name] == {names[(i + apart) % people], names[(i - apart) % people]}
+
+
+@given(st.lists(st.tuples(st.integers(0, 9), st.integers(1, 9)), min_size=1, max_size=20))
+def test_a_design_that_is_dropped_beats_none_that_stays(points):
+    accuracy, burden = np.array(points, float).T
+    kept = best_half(accuracy, burden)
+    assert kept[0] and 2 * kept.sum() >= len(points)
+    for i in np.flatnonzero(~kept):
+        worse = (accuracy[i] > accuracy) & (burden[i] <= burden)
+        worse |= (accuracy[i] >= accuracy) & (burden[i] < burden)
+        worse[0] = False  # the recorded one stays in any case
+        assert not (worse & kept).any()
+
+
+def test_the_cheapest_design_within_one_standard_error_is_chosen():
+    recorded = np.array([80.0, 82.0, 84.0, 86.0])
+    loses = recorded - [1.0, 1.0, 1.0, 1.2]  # by more than its standard error
+    varies = recorded - [4.0, -4.0, 1.0, 0.0]
+    accuracy = np.stack([recorded, loses, varies, varies + 1])
+    assert cheapest_design(accuracy, np.array([9.0, 1.0, 2.0, 2.0])) == 3
+    assert cheapest_design(accuracy[:2], np.array([9.0, 1.0])) == 0
+
+
+def test_a_design_that_changes_one_property_is_named_after_it():
+    assert changed_property({"grid": "4x4", "curve": "log"}) == "grid"
+    assert changed_property({"curve": "log"}) == "curve"
+    assert changed_property({"grid": "4x4", "bits": 6}) == changed_property({}) == ""
+
+
+def test_designs_for_a_person_are_chosen_on_stored_runs_that_never_saw_the_person(capsys, tmp_path):
+    values = parse_skin(f"{LINE} out={tmp_path / 'figures'}")
+    assert command(values) == 0
+    printed = capsys.readouterr().out
+    client, stored = runs("cell")
+    assert len(stored) == 3 * 3  # pairs at two distances, and LOSO, of three designs
+    assert "Chosen on others for each person" in printed and "grid=4x4" in printed
+    for name in ("front", "properties"):
+        assert (tmp_path / "figures" / f"{name}.svg").read_text().startswith("<?xml")
+    designs = search_designs(values)
+    assert len(runs("cell")[1]) == len(stored)
+    people = [str(i + 1) for i in range(4)]
+    grids = [each.get("grid", "") for each in designs.options]
+    shares = {}  # of design, person left out and person tested
+    for run in stored:
+        if not run.data.params["protocol"].startswith("pairs"):
+            continue
+        table = label_captures(predictions(client, run, "predictions"))
+        right = table["true"].astype(str) == table["predicted"].astype(str)
+        for _, fold in table.assign(right=right).groupby("fold"):
+            one, other = fold["subject"].unique()
+            for left_out, tested in ((one, other), (other, one)):
+                share = 100 * fold["right"][fold["subject"] == tested].mean()
+                shares[run.data.params.get("skin.grid", ""), str(left_out), str(tested)] = share
+    assert len(shares) == 3 * 4 * 3
+    for person, choice in zip(people, designs.choices, strict=True):
+        others = [name for name in people if name != person]
+        accuracy = [[shares[grid, person, other] for other in others] for grid in grids]
+        assert cheapest_design(np.array(accuracy), designs.amounts) == choice
+    loso = pd.Series(designs.results[0].accuracy_by_subject)
+    assert [*loso.index] == people and len([*LOSO().split(random_corpus())]) == 4
+    told, recorded = designs.new_person()
+    np.testing.assert_allclose(recorded, loso)
+    np.testing.assert_allclose(told, designs.accuracy[designs.choices, range(4)])
+
+
+@pytest.mark.parametrize("wired", [1, 3])
+def test_taxels_are_added_or_removed_by_the_accuracy_on_a_half_of_the_people(
+    wired, capsys, tmp_path
+):
+    line = f"{SMALL} skin.grid=2x2 wired={wired} out={tmp_path}"
+    assert command(parse_skin(line)) == 0
+    verb = "added" if wired == 1 else "removed"
+    assert capsys.readouterr().out.count(f"they are {verb}, chosen on people") == 2
+    assert (tmp_path / "taxels.svg").exists()
+    halves, count = (["1", "3"], ["2", "4"]), len(runs("cell")[1])
+    orders = search_taxels(parse_skin(line))
+    assert len(runs("cell")[1]) == count
+    channels = {(0, 0): "1-4+9-12+17-20+25-28", (0, 1): "5-8+13-16+21-24+29-32"}
+    channels |= {(1, 0): "33-36+41-44+49-52+57-60", (1, 1): "37-40+45-48+53-56+61-64"}
+    for order, half in zip(orders, halves, strict=True):
+        assert order.people == half and order.wired == [wired]
+        if half != halves[wired // 2]:
+            continue  # each direction once
+        means = {}
+        for place in channels:
+            kept = [place] if wired == 1 else [other for other in channels if other != place]
+            skin = "+".join(channels[each] for each in kept)
+            (row,) = run_from_python(
+                "run",
+                parse_skin(f"{SMALL} skin.grid=2x2 skin.taxels={skin}")
+                | {"protocol": "loso", "where": f"subject in {half}"},
+            ).to_dict("records")
+            means[place] = row["accuracy"]
+        (place,) = zip(*np.nonzero(order.order), strict=True)
+        assert means[place] == max(means.values())
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        (f"{SMALL} skin.grid=2x2 wired=4", "wired=4: give 1 to 3"),
+        ("protocol=kfold", "protocol=kfold: bench skin sets it"),
+        ("model=lda,svm features=jung28", "one system"),
+        ("data.subjects=2 model=lda features=jung28", "three are needed"),
+        (f"{SMALL} skin.grid=99x99", "skin.grid=99x99"),
+    ],
+)
+def test_what_cannot_be_searched_is_refused_in_a_line(line, words):
+    with pytest.raises(InputError, match=words):
+        command(parse_skin(line))
