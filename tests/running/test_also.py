@@ -82,3 +82,13 @@ def test_what_cannot_be_added_is_one_clear_line(studies, values):
         make_plans(make_cells(ON | values), 1)
     message = str(refused.value)
     assert "\n" not in message and ("also=" in message or "three: not imported" in message)
+
+
+def test_a_saved_system_reads_the_sensor_of_data_as_it_is(studies):
+    one, _ = studies
+    fitted = bench.fit(**ON | {"model": "perceptron", "model.updates": 3}, also="two")
+    (cell,) = make_cells(ON | {"model": "perceptron", "model.updates": "3", "also": "two"})
+    (plan,) = make_plans([cell], 1)
+    system = cell.estimator().fit(plan.corpus, plan.corpus.gestures)
+    expected = system.classes_[system.predict_proba(one.blind()).argmax(axis=1)]
+    assert fitted.recogniser.label(one)["label"].tolist() == expected.tolist()
