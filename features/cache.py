@@ -59,8 +59,16 @@ def _load_or_store(features: BaseEstimator, stored: Corpus, steps: tuple) -> pd.
         return None
     path = _table_path(features, stored.digest, steps)
     table = _load_table(path)
-    if table is not None:
-        return table
+    if table is None:
+        table = _extract_and_store(features, stored, steps, path)
+    pa.default_memory_pool().release_unused()  # of the columns that Arrow read or wrote
+    return table
+
+
+def _extract_and_store(
+    features: BaseEstimator, stored: Corpus, steps: tuple, path: Path
+) -> pd.DataFrame | None:
+    """Extract the table of all captures after steps, and store it; None if it cannot be stored."""
     with suppress(OSError):
         path.parent.mkdir(parents=True, exist_ok=True)
     corpus = open_folder(stored.path) if os.access(path.parent, os.W_OK) else None

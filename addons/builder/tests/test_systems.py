@@ -16,7 +16,7 @@ from bench.errors import InputError
 from bench.plan.grid import make_cells
 from bench.reading.candidates import Candidates
 from bench.reading.choice import choose_candidate
-from bench.reading.scene import load_boards
+from bench.reading.scene import Scene, load_boards
 from tests.conftest import random_corpus
 from tests.reading.results import make_run
 from touchbench_builder import fitting, systems
@@ -72,9 +72,32 @@ def test_each_candidate_has_c_and_one_that_can_watch_learns_noise():
     title = system_title(candidates[steady][0])
     assert (
         can_watch[steady]
-        and title == "lda on touch_profiles, windows of 1 s, trained against noise"
+        and title == "lda on touch_profiles, windows of 1 s, trained against own_noise"
     )
     assert seconds[title] > seconds["lda on touch, windows of 1 s"]  # copies, and more features
+
+
+TIME_LEFT = [  # seconds, of which 185 come after a comparison and 20 are its first folds
+    (206, False, 1, ""),
+    (204, False, 1, "it would take about"),
+    (206, True, 1, "it would take about"),  # its folds were too slow before
+    (336, True, 1, ""),
+    (206, False, 2, "it would take about"),  # the other session is tested, too
+    (406, False, 2, ""),
+]
+
+
+@pytest.mark.parametrize(("left", "was_stopped", "sessions", "reason"), TIME_LEFT)
+def test_another_system_is_run_if_all_that_follows_is_in_time(left, was_stopped, sessions, reason):
+    corpus = random_corpus(2, 2)
+    days = np.where(np.arange(len(corpus)) % sessions, "mon", "tue")
+    corpus = corpus.with_fields(captures=corpus.captures.assign(day=days))
+    clock = SimpleNamespace(seconds_left=left)
+    comparison = systems.Comparison(corpus, {}, Scene(), clock, True, math.inf)
+    comparison.slowest, comparison.linking, comparison.longest = 100.0, 10.0, 150.0
+    comparison.was_stopped = was_stopped
+    late = comparison._why_late(SimpleNamespace(folds=range(10), workers=2), 5.0)
+    assert reason in late and bool(late) is bool(reason)
 
 
 def result_of_people(system, right):

@@ -20,7 +20,8 @@ SMALLEST_SYSTEM: dict[str, object] = {"model": "tree", "features": "jung28"}
 LARGEST_SYSTEM: dict[str, object] = {"model": "reflex", "model.bits": BITS}
 LARGEST_S = 60.0  # of a fit on one core
 # It loses least under noise for its cost: docs/faults.md.
-STEADY_TRIAL = {"model": "lda", "features": "touch_profiles", "window": 1.0, "faults": "noise"}
+STEADY_TRIAL = {"model": "lda", "features": "touch_profiles", "window": 1.0}
+STEADY_TRIAL |= {"faults": "own_noise"}
 
 
 def candidate_systems(

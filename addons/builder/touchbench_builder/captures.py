@@ -9,6 +9,7 @@ import pandas as pd
 import bench
 from bench.corpora.corpus import Corpus
 from bench.corpora.doubts import doubt_spellings, find_doubts
+from bench.corpora.sensor import find_session_column
 from bench.corpora.survey import Survey
 from bench.errors import InputError
 from touchbench_streams.recent import find_saturated
@@ -48,6 +49,13 @@ def load_training_captures(on: Mapping[str, str]) -> Corpus:
     if problems:
         raise InputError(f"data={corpus.name}: {problems[0]}")
     return corpus
+
+
+def find_two_sessions(corpus: Corpus) -> tuple[str, list[object]]:
+    """Return the condition that names two sessions, and its values; "" and none without two."""
+    column = find_session_column(corpus)
+    values = corpus.captures[column].dropna().unique().tolist() if column else []
+    return (column, values) if len(values) == 2 else ("", [])
 
 
 def _saturated_share(corpus: Corpus) -> float:

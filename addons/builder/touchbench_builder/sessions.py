@@ -8,11 +8,11 @@ from typing import Any
 import pandas as pd
 
 from bench.corpora.corpus import Corpus
-from bench.corpora.sensor import find_session_column
 from bench.errors import InputError
 from bench.ground.progress import warn
 from bench.values.intervals import mean_interval
 from bench.values.measures import value_or_none
+from touchbench_builder.captures import find_two_sessions
 from touchbench_builder.systems import WATCH, ChosenSystem, count_right, make_plan, run_plan
 
 
@@ -28,9 +28,8 @@ def measure_session_cost(
         Column, values, people, shares of right labels in the ``same`` and in the ``other`` session,
         ``cost`` in points with its 95 % interval ``low`` and ``high``.
     """
-    column = find_session_column(corpus)
-    values = corpus.captures[column].dropna().unique().tolist() if column else []
-    if len(values) != 2:
+    column, values = find_two_sessions(corpus)
+    if not column:
         return None
     keys, command = {**on, **choice.values}, WATCH if choice.watched is not None else "run"
     try:

@@ -35,6 +35,7 @@ from touchbench_builder.candidates import (
     system_title,
     train_against,
 )
+from touchbench_builder.captures import find_two_sessions
 from touchbench_builder.deadline import LimitedExecutor, OutOfTime
 from touchbench_builder.fitting import CHIP_COST_OF, fits_budgets, linked_costs
 from touchbench_builder.slices import most_instructions, needed_ram
@@ -59,8 +60,9 @@ TRAINED_FAULTS = ("own_noise",)
 MAX_CLEAN_LOSS = 1.0  # points without faults that training against faults may cost
 # As multiples of the processor time of a comparison on captures: a fault, and the last fit.
 FAULT_TIME, LAST_FIT_TIME = 2.5, 2.0
-# The same of a comparison on streams: all faults with it, captures, and in folds, the last fit.
-STREAM_FAULTS_TIME, CAPTURES_TIME, LAST_WATCHING_FITS = 1.4, 0.4, 2.0
+# The same of a comparison on streams that learns its detectors: all faults, captures, two
+# sessions; and the last fit, in folds, whose detector is there.
+STREAM_FAULTS_TIME, CAPTURES_TIME, SESSIONS_TIME, LAST_WATCHING_FITS = 1.2, 0.15, 2.0, 1.0
 WRITING_S = 20.0  # of the folder: its C labels all captures and passes its test
 
 
@@ -103,7 +105,8 @@ class Comparison:
     The first one is run in any case.
 
     Args:
-        on: keys of ``bench run`` that name the captures.
+        corpus: captures.
+        on: keys of ``bench run`` that name them.
         scene: needs of the robot.
         progress: progress of the build.
         watches: run on touches in streams, else on captures.
@@ -119,6 +122,7 @@ class Comparison:
 
     def __init__(
         self,
+        corpus: Corpus,
         on: Mapping[str, Any],
         scene: Scene,
         progress: Progress,
@@ -126,6 +130,7 @@ class Comparison:
         frame_limit: float,
     ) -> None:
         self.on, self.scene, self.progress = on, scene, progress
+        self.has_sessions = bool(find_two_sessions(corpus)[0])
         self.watches, self.frame_limit = watches, frame_limit
         self.results: list[Result] = []
         self.damaged: list[Result] = []
@@ -194,8 +199,24 @@ class Comparison:
 
     def seconds_after(self, plan: Plan, seconds: float) -> tuple[float, ...]:
         """Seconds of all that comes after a comparison: its linking, and `later_seconds`."""
-        later = later_seconds(self.scene, plan, max(self.slowest, seconds))
-        return (self.linking, *later, self.linking + WRITING_S)
+        return (self.linking, *self.later_seconds(plan, max(self.slowest, seconds)))
+
+    def later_seconds(self, plan: Plan, seconds: float) -> tuple[float, float]:
+        """Seconds of the remaining tests of a chosen system, and of its last fit and its folder.
+
+        Args:
+            plan: plan of the comparison.
+            seconds: seconds of the comparison, with all workers; the last fit has one process.
+        """
+        sessions = SESSIONS_TIME * self.has_sessions
+        if self.watches:
+            tests = STREAM_FAULTS_TIME + CAPTURES_TIME + sessions
+            last = LAST_WATCHING_FITS * seconds * plan.workers / len(plan.folds)
+            return tests * seconds, last + WRITING_S
+        faults = self.scene.faults
+        clean = seconds / (1 + FAULT_TIME * len(faults))
+        tests = sessions + (0 if faults else FAULT_TIME * len(DEFAULT_FAULTS))
+        return tests * clean, LAST_FIT_TIME * clean * plan.workers + WRITING_S
 
     def _link(self, result: Result, values: Mapping[str, Any]) -> None:
         """Measure a system in C, and add its costs to the numbers of its run."""
@@ -251,7 +272,7 @@ def compare_systems(
     settings, budgets = _read_budgets(scene, limits, watches)
     budget = 1000 * budgets.get("cycles", np.inf)
     frame_limit = most_instructions(scene.board, corpus.rate_hz, budget)
-    comparison = Comparison(on, scene, progress, watches, frame_limit)
+    comparison = Comparison(corpus, on, scene, progress, watches, frame_limit)
     for number, (values, fit_seconds) in enumerate(systems, 1):
         comparison.run_system(values, fit_seconds, f"system {number} of {len(systems)}")
     if not comparison.results:
@@ -280,9 +301,11 @@ def compare_systems(
         hardened = {person for person in deciding if systems_of_people[person]}
         systems_of_people |= {person: deciding[person] for person in hardened}
     values, plan = comparison.plans[name]
-    tests, last = later_seconds(scene, plan, comparison_seconds(plan))
+    tests, last = comparison.later_seconds(plan, comparison.slowest)
     more = f"{format_estimate(tests)} more for its tests, " * (tests > 0)
-    progress.print_line(f"{name}; {more}{format_estimate(last)} for its last fit")
+    late = tests + last - progress.seconds_left
+    more_than = f"; {format_estimate(late)} more than seconds= has left" * (late > 1)
+    progress.print_line(f"{name}; {more}{format_estimate(last)} for its last fit{more_than}")
     watched, on_captures = None, comparison.results
     if watches:
         watched = select_people(comparison.results, deciding)
@@ -389,22 +412,6 @@ def run_plan(plan: Plan, executor: FoldExecutor) -> Result:
 def comparison_seconds(plan: Plan) -> float:
     """Seconds that a stored run took, or would take without interruption."""
     return estimate_seconds(connect(), [(plan, len(plan.folds))])[0] or 0.0
-
-
-def later_seconds(scene: Scene, plan: Plan, seconds: float) -> tuple[float, float]:
-    """Seconds of the remaining tests of a chosen system, and of its last fit.
-
-    Args:
-        scene: needs of the robot.
-        plan: plan of the comparison.
-        seconds: seconds of the comparison, with all workers; the last fit has one process.
-    """
-    if plan.cell.run_kind is not None:
-        tests = STREAM_FAULTS_TIME + CAPTURES_TIME
-        return tests * seconds, LAST_WATCHING_FITS * seconds * plan.workers / len(plan.folds)
-    clean = seconds / (1 + FAULT_TIME * len(scene.faults))
-    tests = 0 if scene.faults else FAULT_TIME * len(DEFAULT_FAULTS)
-    return tests * clean, LAST_FIT_TIME * clean * plan.workers
 
 
 def _delay_latencies(metrics: Mapping[str, float], delay_s: float) -> dict[str, float]:

@@ -7,7 +7,7 @@ the detector takes for touch; touches by blocks of touches. The C computes the s
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -23,6 +23,7 @@ TOUCHES = 8  # of a block
 FEWEST_BLOCKS = 10  # to learn a range from
 SLIGHT = 1e-5  # of full scale, added before logarithms; movement of a sensor at rest
 LEAST_MARGIN = 0.5  # of a range in training, by which it is widened
+BLOCK = 1000  # ticks at once, which bounds memory
 
 NOT_A_NUMBER, OUT_OF_RANGE, SATURATED, NOISE, STUCK, RATE, OFFSET, GAIN, UNLIKE = (
     1 << k for k in range(9)
@@ -161,28 +162,35 @@ class Health:
 
     def take(self, frames: np.ndarray) -> None:
         """Take the next frames [frames, rows, cols] of a tick; one without a previous is kept."""
-        shares = frames.astype(np.float64) / self.full_scale
-        if self.before is not None:
-            shares = np.concatenate([self.before[None], shares])
-        self.before, now = shares[-1], shares[1:]
-        if not len(now):
-            return
-        change = np.diff(shares, axis=0)
+        if self.before is None and len(frames):
+            self.before, frames = frames[0].astype(np.float64) / self.full_scale, frames[1:]
+        if len(frames):
+            for _ in self.take_ticks(frames, len(frames)):
+                pass
+
+    def take_ticks(self, frames: np.ndarray, count: int) -> Iterator[None]:
+        """Take whole ticks of ``count`` frames, after a previous frame; yield after each one."""
+        now = frames.astype(np.float64) / self.full_scale
+        change = np.diff(now, axis=0, prepend=self.before[None])
+        self.before = now[-1]
         has_moved = change != 0
         if not len(self.moved):
             self.moved = np.zeros(now[0].shape, bool)
-        self.moved |= has_moved.any(axis=0)
         steps = np.append(self.step, change.mean(axis=(1, 2)))
         self.step = float(steps[-1])
-        turns = (steps[1:] * steps[:-1] < 0).sum()
+        turns = steps[1:] * steps[:-1] < 0
         is_repeat = ~has_moved.any(axis=(1, 2)) & (now > 0).any(axis=(1, 2))
-        repeats = int(is_repeat.sum())
-        self.tick += [now.mean(axis=(1, 2)).sum(), np.abs(change).mean(axis=(1, 2)).sum()] + [
-            *(np.abs(steps[1:]).sum(), turns, repeats)
-        ]
-        self.tick_frames += len(now)
-        if self.is_lasting:
-            self._take_touch(now, repeats)
+        of_frames = now.mean(axis=(1, 2)), np.abs(change).mean(axis=(1, 2)), np.abs(steps[1:])
+        columns = [each.reshape(-1, count).sum(axis=1) for each in (*of_frames, turns, is_repeat)]
+        of_ticks = np.stack(columns, axis=1)  # in the order of `QUIET`
+        moved = has_moved.reshape(-1, count, *now[0].shape).any(axis=1)
+        for i, numbers in enumerate(of_ticks):
+            self.tick += numbers
+            self.moved |= moved[i]
+            self.tick_frames += count
+            if self.is_lasting:
+                self._take_touch(now[i * count : (i + 1) * count], int(numbers[-1]))
+            yield
 
     def _take_touch(self, now: np.ndarray, repeats: int) -> None:
         means, count = now.mean(axis=(1, 2)), len(now)
@@ -285,12 +293,20 @@ def watch_health(
     """
     status, blocks, touch = np.zeros(len(signs), np.int64), [], 0
     pace_of_touch = np.append(0.0, paces)  # by the count of reports so far
-    for tick, (_, since, report) in enumerate(signs):
-        health.take(frames[tick * count : (tick + 1) * count])
+    for tick, _ in enumerate(_take_all(health, frames[: len(signs) * count], count)):
+        _, since, report = signs[tick]
         blocks += health.finish_tick(int(since), bool(report), float(pace_of_touch[touch]))
         touch += int(report)
         status[tick] = health.status
     return status, blocks
+
+
+def _take_all(health: Health, frames: np.ndarray, count: int) -> Iterator[None]:
+    """Take the ticks of a recording, many at once; yield after each one."""
+    if len(frames):
+        yield health.take(frames[:count])
+    for first in range(count, len(frames), BLOCK * count):
+        yield from health.take_ticks(frames[first : first + BLOCK * count], count)
 
 
 def learn_limits(
