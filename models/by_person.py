@@ -19,6 +19,7 @@ from bench.corpora.corpus import Corpus, unblind
 from bench.features.base import is_stateless
 from bench.features.cache import cache_key
 from bench.models.classic.row_summaries import RowSummary, SummaryTree
+from bench.models.search.inner_folds import make_inner_folds
 
 MAX_BYTES = 1 << 28  # of the summaries that a process keeps
 BYTES_PER_PERSON = 16  # for each pair of features: a matrix of the person, and one of a half
@@ -30,8 +31,8 @@ CACHE: dict[tuple, tuple[SummaryTree, dict[int, np.ndarray]]] = {}
 class PerPersonPipeline(Pipeline):
     """A feature set that learns nothing, and a classifier with ``fit_summary``.
 
-    It is fitted as usual to a corpus in memory, and where the summaries would need more than
-    `MAX_BYTES`.
+    It is fitted as usual to a corpus in memory, to a table, where the classifier tunes itself, and
+    where the summaries would need more than `MAX_BYTES`.
 
     Attributes:
         fit_seconds_: (wall, CPU) seconds of the last fit, those of kept summaries included.
@@ -39,19 +40,19 @@ class PerPersonPipeline(Pipeline):
 
     def fit(self, X: Corpus, y: np.ndarray) -> PerPersonPipeline:
         """Fit to captures and their class names."""
-        (_, features), (_, classifier) = self.steps
+        (_, features), (name, classifier) = self.steps
         started = _read_clocks()
-        origin = unblind(X)
-        is_stored = origin.path is not None and not origin.steps
-        persons = _rows_by_person(X) if is_stored and is_stateless(features) else []
+        adds_persons = is_stateless(features) and not classifier.tune and _is_stored(X)
+        persons = _rows_by_person(X) if adds_persons else []
         width = len(features.fit(X).get_feature_names_out()) if persons else 0
         bytes_each = BYTES_PER_PERSON * width**2
         if not persons or len(persons) * bytes_each > MAX_BYTES:
-            super().fit(X, y)
+            subjects = {f"{name}__subjects": X.subjects} if classifier.tune else {}
+            super().fit(X, y, **subjects)
             self.fit_seconds_ = tuple(_read_clocks() - started)
             return self
         settings = repr(sorted(classifier.get_params().items()))
-        system_key = cache_key(features, origin.digest), type(classifier), settings
+        system_key = cache_key(features, unblind(X).digest), type(classifier), settings
         person_rows = {_person_key(X, rows, y[rows]): rows for rows in persons}
         tree, seconds = CACHE.get(system_key, (SummaryTree(), {}))
         if len(person_rows.keys() | seconds.keys()) * bytes_each > MAX_BYTES:
@@ -67,6 +68,20 @@ class PerPersonPipeline(Pipeline):
         seconds |= dict.fromkeys(missing, (_read_clocks() - looked_up) / max(1, len(missing)))
         self.fit_seconds_ = tuple(_read_clocks() - started + saved_seconds)
         return self
+
+    def check_training(self, X: Corpus, y: np.ndarray) -> None:
+        """Check that a classifier that tunes itself can leave out each person.
+
+        Raises:
+            InputError: it cannot.
+        """
+        if self.searches:
+            make_inner_folds(X, y, "loso")
+
+    @property
+    def searches(self) -> bool:
+        """True if the classifier tunes itself."""
+        return self.steps[-1][1].tune
 
     def _summarise_persons(
         self, person_rows: dict[int, np.ndarray], X: Corpus, y: np.ndarray
@@ -85,6 +100,11 @@ class PerPersonPipeline(Pipeline):
 def _read_clocks() -> np.ndarray:
     """Wall and CPU seconds."""
     return np.array([time.perf_counter(), time.process_time()])
+
+
+def _is_stored(X: Corpus) -> bool:
+    """True for captures of a stored corpus as they are."""
+    return unblind(X).path is not None and not unblind(X).steps
 
 
 def _rows_by_person(X: Corpus) -> list[np.ndarray]:

@@ -29,6 +29,7 @@ class GuardedDiscriminants(MostProbable):
         units: number of units in the network's hidden layer.
         doubt: share of the features.
         seed: random seed of the network.
+        tune: True if the discriminants choose their shrinkage and number of windows.
 
     Attributes:
         classes_: class names.
@@ -40,15 +41,22 @@ class GuardedDiscriminants(MostProbable):
     units: int = 18
     doubt: float = 0.03
     seed: int = 0
+    tune: bool = False
 
-    def fit(self, X: pd.DataFrame, y: np.ndarray) -> GuardedDiscriminants:
-        """Fit to features [rows, n_features] with an index of capture and copy, and class names."""
+    def fit(
+        self, X: pd.DataFrame, y: np.ndarray, subjects: np.ndarray | None = None
+    ) -> GuardedDiscriminants:
+        """Fit to features [rows, n_features] with an index of capture and copy.
+
+        ``y`` and ``subjects`` are class names and, to tune, subjects of the rows.
+        """
         undamaged = undamaged_rows(X)
         values = X[undamaged].to_numpy(dtype=np.float32)
         self.n_features_in_ = values.shape[1]
         self.mean_, self.sd_ = values.mean(axis=0), values.std(axis=0)
         self.sd_[is_constant(values) | (self.sd_ == 0)] = np.inf
-        self.linear_ = Discriminants(windows=self.windows).fit(X[undamaged], y[undamaged])
+        self.linear_ = Discriminants(windows=self.windows, tune=self.tune)
+        self.linear_.fit(X[undamaged], y[undamaged], subjects[undamaged] if self.tune else None)
         self.robust_ = Perceptron(self.units, seed=self.seed).fit(X, y)
         self.classes_ = self.linear_.classes_
         return self
@@ -68,6 +76,11 @@ class GuardedDiscriminants(MostProbable):
             values = np.asarray(X, dtype=np.float32)
             linear = np.where(weight < 1, self.linear_.predict_proba(values), 0)
         return (1 - weight) * linear + weight * self.robust_.predict_proba(values)
+
+    @property
+    def chosen_(self) -> dict[str, object]:
+        """Settings that the discriminants have chosen."""
+        return self.linear_.chosen_
 
     @property
     def activations_(self) -> int:

@@ -33,6 +33,7 @@ from bench.models.quantised import BITS, can_quantise, quantise_pipeline
 from bench.models.steps import DamagedCopies, Repair, Scale, TurnedCopies
 
 MAX_WINDOW_S = 3600.0
+FIT_METHOD = contract.Method("fit", ("X", "y", "subjects"), lambda X, y, subjects: None)
 PLAIN_PIPELINES = (Pipeline, PerPersonPipeline)  # which are fitted by fitting their steps
 
 
@@ -150,16 +151,17 @@ class Recipe(MostProbable):
             captures = _join_parts([*parts])
             return self.fit(captures, captures.gestures)
         (name, features), *later_steps = system.steps
-        tables, labels = [], []
+        tables, labels, subjects = [], [], []
         for part in parts:
             seen, source = apply_steps(part, steps)
             tables.append(features.fit_transform(seen))
             labels.append(part.gestures[source])
+            subjects.append(part.subjects[source])
         rate_hz = part.rate_hz
         del part, seen  # and with them their frames
         table, y = pd.concat(tables), np.concatenate(labels)
         tables.clear()
-        later = Pipeline(later_steps).fit(table, y)
+        later = _fit_later_steps(later_steps, table, y, np.concatenate(subjects))
         return self._keep_fitted(Pipeline([(name, features), *later.steps]), rate_hz)
 
     def _make_system(self) -> contract.System:
@@ -195,7 +197,8 @@ class Recipe(MostProbable):
         else:
             seen, source = apply_steps(X, steps)
             table = features.fit_transform(seen, y[source])
-        return Pipeline([(name, features), *Pipeline(later_steps).fit(table, y[source]).steps])
+        later = _fit_later_steps(later_steps, table, y[source], X.subjects[source])
+        return Pipeline([(name, features), *later.steps])
 
     def decide(self, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:
         """Every decision: one per window, or those of the system."""
@@ -264,6 +267,16 @@ def _has_feature_step(system: contract.System) -> bool:
         return False
     name, first = system.steps[0]
     return name == "features" or isinstance(first, FeatureSet)
+
+
+def _fit_later_steps(
+    steps: list[tuple[str, Any]], table: pd.DataFrame, y: np.ndarray, subjects: np.ndarray
+) -> Pipeline:
+    """Fit the steps after the features; the last gets the subjects if its ``fit`` takes them."""
+    name, classifier = steps[-1]
+    takes_subjects = FIT_METHOD.find_method(classifier) is not None
+    arguments = {f"{name}__subjects": subjects} if takes_subjects else {}
+    return Pipeline(steps).fit(table, y, **arguments)
 
 
 def select_stored_rows(stored: pd.DataFrame, index: np.ndarray) -> tuple[pd.DataFrame, np.ndarray]:

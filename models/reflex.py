@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from sklearn.pipeline import Pipeline
 
+from bench import contract
 from bench.corpora.corpus import Corpus
 from bench.corpora.windows import Windows
 from bench.errors import check_value
@@ -18,6 +19,7 @@ from bench.models.classic.lda import lda
 from bench.models.most_probable import MostProbable
 from bench.models.out_of_distribution import GuardedDiscriminants
 from bench.models.recipe import Recipe
+from bench.models.search.inner_folds import make_inner_folds
 
 EARLY_COPIES = 3  # for the discriminants of short windows
 EARLY_DAMAGED = 0.1  # how much each counts
@@ -58,6 +60,8 @@ class Reflex(MostProbable):
         copies: damaged copies of each training capture.
         seed: random seed of the network; the damage is always the same.
         bits: bits of a learnt weight, see `bench.models.recipe.Recipe`.
+        tune: yes: choose shrinkage and windows of the discriminants for whole windows by leaving
+            out each training subject in turn, as ``lda`` does.
     """
 
     window: float = 1.0
@@ -69,6 +73,7 @@ class Reflex(MostProbable):
     copies: int = 8
     seed: int = 0
     bits: int = 32
+    tune: bool = False
 
     def _make_recipes(self) -> tuple[Recipe, Recipe]:
         """Make the systems for whole windows and for shorter captures."""
@@ -77,7 +82,9 @@ class Reflex(MostProbable):
             "repair": () if self.repair == ("none",) else self.repair,
             "faults": () if self.faults == ("none",) else self.faults,
         }
-        guarded = GuardedDiscriminants(units=self.units, doubt=self.doubt, seed=self.seed)
+        guarded = GuardedDiscriminants(
+            units=self.units, doubt=self.doubt, seed=self.seed, tune=self.tune
+        )
         whole = Pipeline([("features", TouchFeatures()), ("classifier", guarded)])
         early = lda(TouchFeatures(), damaged=EARLY_DAMAGED)
         return (
@@ -99,11 +106,13 @@ class Reflex(MostProbable):
             recipe.check()
 
     def check_training(self, X: Corpus, y: np.ndarray) -> None:
-        """Check the memory that copies need.
+        """Check the memory that copies need, and to tune, that each subject can be left out.
 
         Raises:
-            InputError: there is less.
+            InputError: there is less memory, or only one subject.
         """
+        if self.tune:
+            make_inner_folds(X, y, "loso")
         for recipe in self._make_recipes():
             recipe.check_training(X, y)
 
@@ -151,6 +160,16 @@ class Reflex(MostProbable):
     def features(self) -> dict[str, FeatureSet]:
         """The feature set."""
         return {"touch": TouchFeatures()}
+
+    @property
+    def searches(self) -> bool:
+        """True if it tunes itself."""
+        return self.tune
+
+    @property
+    def chosen_(self) -> dict[str, object]:
+        """Settings that the discriminants have chosen."""
+        return contract.chosen_values(self.whole_)
 
     @property
     def trained_faults(self) -> tuple[str, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,13 +16,19 @@ from bench.features.base import capture_of_rows, is_constant, undamaged_rows
 from bench.models.by_person import PerPersonPipeline
 from bench.models.classic.row_summaries import (
     RowSummary,
+    SummaryTree,
     TrainingStatistics,
     mean_by_code,
     summarise_rows,
     weighted_scatter,
 )
 from bench.models.most_probable import MostProbable
+from bench.models.search.inner_folds import split_subjects
 from bench.models.space import Range
+
+# What ``tune`` chooses from; of equals the first one. They do not depend on any data.
+WINDOWS = 1.0, 4.0
+SHRINKAGES = 0.4, 0.2, 0.1, 0.05, 0.025
 
 
 @dataclass(eq=False, repr=False)
@@ -39,9 +46,12 @@ class Discriminants(MostProbable):
         windows: number of windows that decide on a label together.
         damaged: weight of a row of a damaged copy (``copy`` of the index is above 0); others count
             1.
+        tune: True to choose ``shrinkage`` and ``windows`` by leaving out each training subject
+            (`choose_settings`).
 
     Attributes:
         classes_: class names.
+        shrinkage_, windows_: those that were used.
         coef_: [classes, features], of features that are not standardised.
         intercept_: [classes].
         learnt_: statistics of the training rows.
@@ -50,9 +60,15 @@ class Discriminants(MostProbable):
     shrinkage: float = 0.2
     windows: float = 1.0
     damaged: float = 1.0
+    tune: bool = False
 
-    def fit(self, X: pd.DataFrame | np.ndarray, y: np.ndarray) -> Discriminants:
-        """Learn from features [rows, n_features] and class names [rows]."""
+    def fit(
+        self, X: pd.DataFrame | np.ndarray, y: np.ndarray, subjects: np.ndarray | None = None
+    ) -> Discriminants:
+        """Learn from features [rows, n_features], class names and, to tune, subjects [rows]."""
+        self.shrinkage_, self.windows_ = self.shrinkage, self.windows
+        if self.tune:
+            self.shrinkage_, self.windows_ = choose_settings(X, y, subjects, self.damaged)
         self.classes_, codes = np.unique(y, return_inverse=True)
         Z = np.array(X, dtype=np.float64)  # a copy, changed in place to save memory
         self.n_features_in_ = Z.shape[1]
@@ -65,7 +81,7 @@ class Discriminants(MostProbable):
         Z /= sd
         class_means, weights = mean_by_code(Z, codes, row_weights)
         Z -= class_means[codes]
-        scatter = weighted_scatter(Z, capture_of_rows(X), row_weights, self.windows)
+        scatter = weighted_scatter(Z, capture_of_rows(X), row_weights, self.windows_)
         self.learnt_ = TrainingStatistics(mean, sd, class_means, weights, scatter)
         self.solve_coefficients(row_weights.sum())
         return self
@@ -75,8 +91,9 @@ class Discriminants(MostProbable):
         return summarise_rows(X, y, [self.windows], self.damaged)
 
     def fit_summary(self, summary: RowSummary) -> Discriminants:
-        """Fit to the rows of a summary; equals `fit` to them but for rounding."""
-        self.classes_, self.learnt_ = summary.classes, summary.standardise()
+        """Fit to the rows of a summary for ``windows``; equals `fit` to them but for rounding."""
+        self.shrinkage_, self.windows_ = self.shrinkage, self.windows
+        self.classes_, self.learnt_ = summary.classes, summary.standardise(self.windows)
         self.n_features_in_ = len(self.learnt_.mean)
         self.solve_coefficients(summary.weights.sum())
         return self
@@ -86,11 +103,17 @@ class Discriminants(MostProbable):
         learnt = self.learnt_
         scatter = learnt.scatter / total_weight
         mean_variance = np.trace(scatter) / len(scatter)
-        scatter *= 1 - self.shrinkage
-        scatter[np.diag_indices(len(scatter))] += self.shrinkage * mean_variance + 1e-9
+        scatter *= 1 - self.shrinkage_
+        scatter[np.diag_indices(len(scatter))] += self.shrinkage_ * mean_variance + 1e-9
         coef = np.linalg.solve(scatter, learnt.class_means.T).T
         self.coef_ = coef / learnt.sd
         self.intercept_ = -0.5 * (coef * learnt.class_means).sum(axis=1) - self.coef_ @ learnt.mean
+
+    @property
+    def chosen_(self) -> dict[str, object]:
+        """Settings that it has chosen itself."""
+        settings = {"shrinkage": self.shrinkage_, "windows": self.windows_}
+        return settings if self.tune else {}
 
     @property
     def constants_(self) -> int:
@@ -106,8 +129,45 @@ class Discriminants(MostProbable):
         return softmax(self.decision_function(X), axis=1)
 
 
+def choose_settings(
+    X: pd.DataFrame, y: np.ndarray, subjects: np.ndarray, damaged: float
+) -> tuple[float, float]:
+    """Choose shrinkage and windows by the accuracy on captures of left-out subjects.
+
+    Each combination of `SHRINKAGES` and `WINDOWS` is trained without each subject. The best has the
+    highest mean accuracy over the subjects, on their undamaged captures.
+
+    Raises:
+        InputError: there is only one subject.
+    """
+    captures = capture_of_rows(X)
+    has_windows = len(np.unique(captures)) < len(captures)
+    settings = [*itertools.product(WINDOWS if has_windows else WINDOWS[:1], SHRINKAGES)]
+    windows = sorted({number for number, _ in settings})
+    folds = split_subjects(np.asarray(subjects, dtype=str), "loso")
+    tree, accuracies = SummaryTree(), np.zeros((len(folds), len(settings)))
+    for key, (_, rows) in enumerate(folds):
+        tree.persons[key] = summarise_rows(X.iloc[rows], y[rows], windows, damaged)
+    for key, (_, rows) in enumerate(folds):
+        others = tree.merge(tuple(each for each in tree.persons if each != key))
+        judged = rows[undamaged_rows(X)[rows]]
+        Z, codes = X.iloc[judged].to_numpy(np.float64), captures[judged]
+        first = np.unique(codes, return_index=True)[1]
+        for place, (number, shrinkage) in enumerate(settings):
+            model = Discriminants(shrinkage, number).fit_summary(others)
+            proba, _ = mean_by_code(model.predict_proba(Z), codes, np.ones(len(Z)))
+            is_correct = model.classes_[proba.argmax(axis=1)] == y[judged[first]]
+            accuracies[key, place] = is_correct.mean()
+    number, shrinkage = settings[accuracies.mean(axis=0).round(9).argmax()]
+    return shrinkage, number
+
+
 def lda(
-    features: TransformerMixin, shrinkage: float = 0.2, windows: float = 1.0, damaged: float = 1.0
+    features: TransformerMixin,
+    shrinkage: float = 0.2,
+    windows: float = 1.0,
+    damaged: float = 1.0,
+    tune: bool = False,
 ) -> Pipeline:
     """Linear discriminants: one covariance, shrunk towards a multiple of the identity.
 
@@ -122,6 +182,8 @@ def lda(
             discriminants.
         damaged: weight of a damaged copy of a capture (model.faults=). Default: each copy counts as
             its capture.
+        tune: yes: choose shrinkage and windows by leaving out each training subject in turn, from
+            ten combinations.
 
     Raises:
         InputError: a parameter is out of its range.
@@ -129,7 +191,7 @@ def lda(
     check_value("model.shrinkage", shrinkage, 0 <= shrinkage <= 1, "0 to 1")
     check_value("model.windows", windows, 1 <= windows < float("inf"), "1 or more")
     check_value("model.damaged", damaged, 0 < damaged < float("inf"), "a number above 0")
-    classifier = Discriminants(shrinkage, windows, damaged)
+    classifier = Discriminants(shrinkage, windows, damaged, tune)
     return PerPersonPipeline([("features", features), ("classifier", classifier)])
 
 

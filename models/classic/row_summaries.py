@@ -54,13 +54,13 @@ class RowSummary:
     minimum: np.ndarray
     maximum: np.ndarray
 
-    def standardise(self, number: int = 0) -> TrainingStatistics:
-        """Statistics for the ``number``-th of the numbers of windows."""
+    def standardise(self, windows: float) -> TrainingStatistics:
+        """Statistics for one of the numbers of windows."""
         mean = self.weights @ self.class_means / self.weights.sum()
         deviations = self.class_means - mean
         sd = np.sqrt((self.squares + self.weights @ deviations**2) / self.weights.sum())
         sd[is_constant(np.stack([self.minimum, self.maximum]))] = np.inf
-        scatter = self.scatters[number] / sd[:, None] / sd
+        scatter = self.scatters[[*self.windows].index(windows)] / sd[:, None] / sd
         return TrainingStatistics(mean, sd, deviations / sd, self.weights, scatter)
 
 
@@ -73,8 +73,11 @@ def summarise_rows(
     row_weights = np.where(undamaged_rows(X), 1.0, damaged)
     class_means, weights = mean_by_code(Z, codes, row_weights)
     centred = Z - class_means[codes]
-    captures = capture_of_rows(X)
-    scatters = np.stack([weighted_scatter(centred, captures, row_weights, n) for n in windows])
+    scatters = weighted_scatter(centred, capture_of_rows(X), row_weights, 1)[None]
+    if (more_windows := np.asarray(windows) - 1).any():
+        means, capture_weights = mean_by_code(centred, capture_of_rows(X), row_weights)
+        between = (means.T * capture_weights) @ means
+        scatters = scatters + more_windows[:, None, None] * between
     squares, extremes = row_weights @ centred**2, (Z.min(axis=0), Z.max(axis=0))
     return RowSummary(
         classes, weights, class_means, np.asarray(windows), scatters, squares, *extremes

@@ -5,7 +5,7 @@ from unittest import mock
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import softmax
 from scipy.stats import multivariate_normal
@@ -15,6 +15,8 @@ from sklearn.pipeline import Pipeline
 from sklearn.preprocessing import MinMaxScaler, StandardScaler
 from sklearn.tree import DecisionTreeClassifier
 
+from bench import contract
+from bench.errors import InputError
 from bench.features.touch import TouchFeatures
 from bench.models import by_person
 from bench.models.classic import row_summaries
@@ -25,6 +27,8 @@ from bench.models.classic.lda import Discriminants, lda
 from bench.models.classic.scaling import RangeScaler, ZScaler
 from bench.models.classic.tree import PrunedTree
 from bench.models.classic.wingerden2014 import wingerden2014_mlp
+from bench.models.recipe import build_recipe
+from bench.models.reflex import Reflex
 
 
 def points(seed=0, counts=(20, 20, 20), d=4):
@@ -249,3 +253,62 @@ def test_summaries_of_persons_merge_to_that_of_all_rows_and_halves_are_kept(seed
     fitted = Discriminants(0.2, windows, damaged=0.3).fit(X[rows], y[rows])
     coef = model.fit_summary(merged).coef_
     np.testing.assert_allclose(coef, fitted.coef_, rtol=1e-7, atol=1e-9)
+
+
+@given(st.integers(0, 10_000))
+@settings(max_examples=5)
+def test_settings_are_the_best_for_people_left_out_and_of_equals_the_first(seed):
+    """Against a loop of plain fits, and accuracies of undamaged captures."""
+    X, y = of_captures(seed, captures=60, d=6)
+    captures = X.index.get_level_values("capture").to_numpy()
+    subjects = np.array([*"abcde"])[captures % 5]
+    is_whole = X.index.get_level_values("copy") == 0
+    best, expected = -1.0, None
+    for windows in (1.0, 4.0):
+        for shrinkage in (0.4, 0.2, 0.1, 0.05, 0.025):
+            people = []
+            for person in "abcde":
+                rest, own = subjects != person, (subjects == person) & is_whole
+                model = Discriminants(shrinkage, windows, damaged=0.3).fit(X[rest], y[rest])
+                proba = pd.DataFrame(model.predict_proba(X[own])).groupby(captures[own]).mean()
+                labels = pd.Series(y[own]).groupby(captures[own]).first()
+                people.append((model.classes_[proba.to_numpy().argmax(axis=1)] == labels).mean())
+            if np.mean(people) > best + 1e-9:
+                best, expected = np.mean(people), (shrinkage, windows)
+    model = Discriminants(damaged=0.3, tune=True).fit(X, y, subjects)
+    assert model.chosen_ == {"shrinkage": expected[0], "windows": expected[1]}
+    plain = Discriminants(*expected, damaged=0.3).fit(X, y)
+    assert np.array_equal(model.coef_, plain.coef_) and not plain.chosen_
+
+
+def test_one_person_cannot_be_left_out(stored):
+    one = stored[np.flatnonzero(stored.subjects == "2")]
+    for model in (lda(TouchFeatures(), tune=True), Reflex(tune=True)):
+        with pytest.raises(InputError, match="leaving training subjects out"):
+            contract.check_training(model, one, one.gestures)
+    with pytest.raises(InputError, match="leaving training subjects out"):
+        lda(TouchFeatures(), tune=True).fit(one, one.gestures)
+
+
+def test_every_way_to_windows_tunes_with_the_people_of_its_rows(stored):
+    """Features from a file or computed, training in parts, and reflex give the same choice."""
+    options = {"window": 1.0, "repair": ("stuck", "dead")}
+    recipe = build_recipe(lda, TouchFeatures(), tune=True, **options)
+    chosen = contract.chosen_values(clone(recipe).fit(stored, stored.gestures))
+    in_memory = stored.with_fields(digest="", path=None)
+    parts = [in_memory[np.flatnonzero(in_memory.subjects == s)] for s in np.unique(stored.subjects)]
+    for fitted in (
+        clone(recipe).fit(in_memory, stored.gestures),
+        clone(recipe).fit_parts(parts),
+        Reflex(tune=True, copies=1).fit(stored, stored.gestures),
+    ):
+        assert contract.chosen_values(fitted) == chosen != {}
+        assert contract.searches_itself(fitted)
+
+
+def test_a_table_in_place_of_captures_is_fitted_as_usual(stored):
+    """As `bench tune` does, which computes the features itself."""
+    table = TouchFeatures().fit_transform(stored)
+    model = lda("passthrough").fit(table, stored.gestures)
+    alone = Discriminants().fit(table, stored.gestures)
+    assert np.array_equal(model.predict_proba(table), alone.predict_proba(table))

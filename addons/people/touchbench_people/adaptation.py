@@ -146,9 +146,9 @@ def _join_rows(
     np.add.at(means, codes, Z * weight[:, None])
     means /= np.where(new_weights > 0, new_weights, 1)[:, None]
     total = old.weights + new_weights
-    between_weight = np.sqrt(linear.windows * old.weights * new_weights / total)[:, None]
+    between_weight = np.sqrt(linear.windows_ * old.weights * new_weights / total)[:, None]
     between = between_weight * (means - old.class_means)
-    within = weighted_scatter(Z - means[codes], captures, weight, linear.windows)
+    within = weighted_scatter(Z - means[codes], captures, weight, linear.windows_)
     scatter = old.scatter + within + between.T @ between
     summed = old.weights[:, None] * old.class_means + new_weights[:, None] * means
     return replace(old, class_means=summed / total[:, None], weights=total, scatter=scatter)
