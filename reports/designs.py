@@ -63,7 +63,7 @@ def _draw_front(designs: Designs, folder: Path) -> Path:
     """Accuracy of all designs against their cost, with the front and the chosen design."""
     data, _, protocol = designs.results[0].context
     title = f"{data}, {protocol}: {designs.results[0].system}"
-    figure, axes = new_figure((8.6, 4.8), margins=(0.7, 2.7, 0.6, 0.5), title=title)
+    figure, axes = new_figure((9.8, 4.4), margins=(0.7, 3.9, 0.6, 0.5), title=title)
     ax, front = axes[0, 0], designs.front
     rows = [designs.row(i) for i in range(len(designs.results))]
     mean, low, high = (
@@ -73,7 +73,7 @@ def _draw_front(designs: Designs, folder: Path) -> Path:
     ax.plot(amounts, mean, "o", color="0.65", markersize=4, label="other designs")
     bars = error_bars(mean, low, high)[:, front]
     look = {"color": "C0", "marker": "o", "capsize": 3, "linewidth": 1}
-    label = "front, with 95 % intervals over people"
+    label = "front, with 95 % intervals"
     ax.errorbar(amounts[front], mean[front], yerr=bars, label=label, **look)
     ax.plot(amounts[0], mean[0], "s", color="black", label="as recorded")
     nested, _ = designs.new_person()

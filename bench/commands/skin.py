@@ -24,6 +24,7 @@ from bench.plan.cells import Cell, Part
 from bench.plan.grid import make_cells
 from bench.reading.choice import format_points
 from bench.reading.designs import (
+    HOW,
     Designs,
     TaxelOrder,
     best_half,
@@ -201,6 +202,8 @@ def describe_choice(designs: Designs) -> list[str]:
         f"{cost.format_amount(mean)} {cost.phrase} on average: {listed}.",
     ]
     for name, places in designs.single_changes().items():
+        if name in HOW:
+            continue
         finest = designs.accuracy[0] - designs.accuracy[places[0]]
         gain, error = mean_and_error(finest)
         words = f"{name}: the recorded skin gains {format_points(gain, error)} points over "
