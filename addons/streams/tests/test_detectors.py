@@ -311,6 +311,37 @@ def test_a_sensor_is_disturbed_as_a_plain_loop_says():
     assert not gauge[: CALM // 4].any() and not gauge[:CALM, 1].any()  # calm at first
 
 
+def test_slow_means_are_summed_over_nine_taxels_as_a_plain_loop_says():
+    rows, cols, shares = 5, 11, [0.5, 0.2, 0.1, 0.02]
+    frames = np.random.default_rng(0).integers(0, 50, (40, rows, cols))
+    levels = Levels(0.002, 0.06, shares)
+    signals = np.stack([levels.step(frame) for frame in frames])
+    means = [frames[0].astype(float) for _ in shares]
+    for frame in frames:
+        means = [mean + share * (frame - mean) for mean, share in zip(means, shares, strict=True)]
+    expected = []
+    for mean in means[:-1]:
+        change = np.pad(mean - means[-1], 1)
+        around = sorted(
+            change[r : r + 3, c : c + 3].sum() / 9 for r in range(rows) for c in range(cols)
+        )
+        inner = change[1:-1, 1:-1]
+        expected += [inner.mean(), np.mean(around[-2:]), np.mean(around[:2]), inner.std()]
+    np.testing.assert_allclose(signals[-1, -12:], expected, rtol=1e-4, atol=1e-4)
+
+
+def test_a_much_clearer_touch_is_another_one_after_the_report_of_a_weak_one():
+    odds = [0, 3, 3, 3, 3, 9, 9, 9, 20, 20, 20]
+    begins = [0, 1, 1, 1, 1, 1, 1, 1, -1, -1, -1]  # the last rise is no beginning
+    evidence = np.column_stack([odds, begins, np.zeros(11), np.full(11, 2)])
+    signs = run_rules(Hysteresis(np.array([1.0]), 1.5, TouchTimes(2, 1, 9)), evidence)
+    assert np.flatnonzero(signs[:, 2]).tolist() == [2, 7]
+    assert signs[:, 1].astype(int).tolist() == [0, 1, 2, 3, 4, 0, 1, 2, 3, 4, 5]
+    evidence[:, 3] = 6  # it was not reported yet
+    signs = run_rules(Hysteresis(np.array([1.0]), 1.5, TouchTimes(6, 1, 9)), evidence)
+    assert np.flatnonzero(signs[:, 2]).tolist() == [6]
+
+
 def test_few_subjects_are_left_out_by_recording():
     few = silent_recordings([9, 9, 9], [(0, 0, 3, "pat")])
     assert held_out_units(few).tolist() == ["0", "1", "2"]

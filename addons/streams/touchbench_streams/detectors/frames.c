@@ -55,32 +55,63 @@ static float cosine(float product, float a, float b)
     return length > 0 ? product / length : 1;
 }
 
-/* What the readings of a tick are above a slow mean, which follows them: mean, how far the highest exceed it, SD. */
-static void compare(float *slow, float pace, float *values, const float *tick, int is_first, float *found)
+/* How far some readings are above others: the differences, their mean and SD. */
+static void compare(const float *now, const float *slow, float *values, float *mean, float *sd)
 {
     float sum = 0, squares = 0;
     for (int i = 0; i < TAXELS; i++) {
-        if (is_first)
-            slow[i] = tick[i];
-        slow[i] += pace * (tick[i] - slow[i]);
-        values[i] = tick[i] - slow[i];
+        values[i] = now[i] - slow[i];
         sum += values[i];
     }
-    found[0] = sum / TAXELS;
+    *mean = sum / TAXELS;
     for (int i = 0; i < TAXELS; i++)
-        squares += (values[i] - found[0]) * (values[i] - found[0]);
-    found[1] = mean_highest(values) - found[0];
-    found[2] = sqrtf(squares / TAXELS);
+        squares += (values[i] - *mean) * (values[i] - *mean);
+    *sd = sqrtf(squares / TAXELS);
 }
 
-/* Signals of a tick: its levels, area, likeness to the tick before, centroid, what all taxels share, and how it
-   compares with each slow mean. */
+/* Adds to each of the values in a line, a step apart, those on both sides. */
+static void add_neighbours(float *x, int count, int step)
+{
+    float before = 0;
+    for (int i = 0; i < count; i++, x += step) {
+        float now = *x;
+        *x = before + now + (i + 1 < count ? x[step] : 0);
+        before = now;
+    }
+}
+
+/* Signals from slow means, which follow the tick: of its readings above the slowest ones mean, how far the highest
+   exceed it, SD; of the other means above the slowest one mean, highest and lowest mean of nine taxels, SD. */
+static void follow(touch_watch_t *w, const float *tick, float *found)
+{
+    float *values = w->now.taxels, *slowest = w->slow[MEANS - 1];
+    for (int k = 0; k < MEANS; k++)
+        for (int i = 0; i < TAXELS; i++)
+            w->slow[k][i] = w->looked ? w->slow[k][i] + look_paces[k] * (tick[i] - w->slow[k][i]) : tick[i];
+    for (int k = MEANS - SLOW; k < MEANS; k++, found += 3) {
+        compare(tick, w->slow[k], values, found, found + 2);
+        found[1] = mean_highest(values) - found[0];
+    }
+    for (int k = 0; k < MEANS - 1; k++, found += 4) {
+        compare(w->slow[k], slowest, values, found, found + 3);
+        for (int r = 0; r < ROWS; r++)
+            add_neighbours(values + r * COLS, COLS, 1);
+        for (int c = 0; c < COLS; c++)
+            add_neighbours(values + c, ROWS, COLS);
+        found[1] = mean_highest(values) / 9;
+        for (int i = 0; i < TAXELS; i++)
+            values[i] = -values[i];
+        found[2] = -mean_highest(values) / 9;
+    }
+}
+
+/* Signals of a tick: its levels, area, likeness to the tick before, centroid, what all taxels share, and those from
+   slow means. */
 static void feel(touch_watch_t *w, const float *tick, float *found)
 {
     float *values = w->now.taxels, least = shared(w, tick), size = ROWS > COLS ? ROWS : COLS;
     float mean = 0, total = 0, moved = 0, squares = 0, row = 0, col = 0, near = 0, near_squares = 0;
-    for (int k = 0; k < CHANGES / 3; k++)
-        compare(w->slow[k], look_paces[k], values, tick, !w->looked, found + LEVELS + 5 + 3 * k);
+    follow(w, tick, found + LEVELS + 5);
     for (int i = 0; i < TAXELS; i++) {
         float flat = fmaxf(tick[i] - least, 0);
         if (!w->looked)
@@ -152,6 +183,7 @@ static int deciding(touch_watch_t *w, const float *found)
     gauges[1] = w->calm[1][0];
     for (int k = 1; k < CALM; k++)
         gauges[1] = fminf(gauges[1], w->calm[1][k]);
+    w->noise = fmaxf(gauges[1], SLIGHT);
     w->is_refused = gauges[0] > look_most[0] || gauges[1] > look_most[1];
 #if MODELS > 1
     static const int gauge_of[] = GAUGE_OF;
@@ -169,7 +201,7 @@ static void look(touch_watch_t *w, const float *found, float *next)
     w->model = deciding(w, found);
     w->at = (w->at + 1) % LOOK;
     w->looked += w->looked < LOOK;
-    for (int k = 0; k < CHANGES / 3; k++)
+    for (int k = 0; k < SLOW; k++)
         w->means[w->at][k] = found[LEVELS + 5 + 3 * k];
     for (int m = 0; m < MODELS; m++)
         for (int l = 0; l < LEVELS; l++)
@@ -208,6 +240,9 @@ static void look(touch_watch_t *w, const float *found, float *next)
         float more = found[5 + i] - (i % 3 ? 0 : median(w, 2, i / 3)); /* a drift of all taxels cancels out */
         *next++ = copysignf(log1pf(fabsf(more) / look_sizes[w->model * CHANGES + i]), more);
     }
+    *next++ = logf(w->noise);
+    for (int i = 0; i < 4 * (MEANS - 1); i++)
+        *next++ = asinhf(2 * found[5 + CHANGES + i] / w->noise);
     w->area = found[0];
     w->row = found[2];
     w->col = found[3];
@@ -239,19 +274,20 @@ static void judge(touch_watch_t *w, float *odds, float *begins)
 
 static sign_t sensed(touch_watch_t *w, const float *tick)
 {
-    float signals[LEVELS + 5 + CHANGES], odds, begins;
+    float signals[LEVELS + 5 + CHANGES + 4 * (MEANS - 1)], odds, begins;
     sign_t sign = {0, 0, 0, 0};
     feel(w, tick, signals);
     look(w, signals, w->now.features);
     judge(w, &odds, &begins);
     w->begun = begins > BEGUN ? AGES - 1 : w->begun > 0 ? w->begun - 1 : 0;
     if (w->lasts) {
+        int is_clearer = w->is_known && begins > BEGINS && odds > GROWN * w->highest + JUMP; /* another begins */
         w->since++;
         w->highest = fmaxf(w->highest, odds);
         w->below = odds < w->level - DROP ? w->below + 1 : 0;
         w->held = w->below ? w->held : w->since;
         w->weak = odds < FADED * w->highest ? w->weak + 1 : 0;
-        w->lasts = w->below < HOLD && w->weak < FADE;
+        w->lasts = w->below < HOLD && w->weak < FADE && !is_clearer;
     } else if (odds > w->level && w->begun > 0) {
         w->since = w->held = w->lasts = 1;
         w->highest = odds;

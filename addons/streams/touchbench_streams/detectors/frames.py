@@ -29,6 +29,7 @@ from touchbench_streams.detectors.detector import (
 from touchbench_streams.detectors.signals import (
     CALM,
     CALMEST,
+    CHANGED,
     CHANGES,
     COMMON,
     HIGHEST,
@@ -38,6 +39,7 @@ from touchbench_streams.detectors.signals import (
     MINIMA,
     PACES,
     RISES,
+    SLOW,
     Levels,
     measure_disturbance,
     tick_features,
@@ -55,6 +57,9 @@ SEEN = 0.75
 FADED = 0.25
 # Log-odds of a beginning, without which no touch is reported; chosen on HAART and A to C.
 BEGUN = -2.0
+# Log-odds of a beginning that end a reported touch, if those of touch exceed its highest by a
+# factor and a summand; chosen on HAART and CuddleBot. Touches were lost in weak false alarms.
+BEGINS, GROWN, JUMP = 0.0, 1.5, 2.0
 # How much more disturbed than in training a sensor may be before the other classifier decides.
 MARGIN = 1.5
 # Most seconds of a touch before its report where another classifier decides, whose evidence of weak
@@ -107,7 +112,8 @@ class Hysteresis:
 
     A touch begins with a tick above a level, and is over after some ticks below a lower one. It
     begins only if the classifier has seen its beginning. It is also over when the evidence has
-    faded, because background whose level has changed keeps some. It is reported at the first tick
+    faded, because background whose level has changed keeps some, and when a much clearer one begins
+    after its report; that one counts from the next tick. It is reported at the first tick
     that is not below the lower level once it has lasted as many ticks as the evidence says. What is
     over earlier is no touch.
 
@@ -134,6 +140,7 @@ class Hysteresis:
         """Take the evidence of a tick; return which levels report a touch, bool [levels]."""
         odds, begins, _, wait = map(float, evidence)
         self.begun = AGES - 1 if begins > BEGUN else self.begun - 1
+        is_clearer = ~self.due & (begins > BEGINS) & (odds > GROWN * self.highest + JUMP)
         starts = ~self.lasts & (odds > self.levels) & (self.begun > 0)
         self.since = np.where(self.lasts, self.since + 1, 1)
         self.highest = np.where(self.lasts, np.maximum(self.highest, odds), odds)
@@ -141,7 +148,7 @@ class Hysteresis:
         self.held = np.where(self.below > 0, self.held, self.since)
         self.weak = np.where(self.lasts & (odds < FADED * self.highest), self.weak + 1, 0)
         self.due = self.lasts & self.due | starts
-        is_over = (self.below >= self.times.hold) | (self.weak >= self.times.fade)
+        is_over = (self.below >= self.times.hold) | (self.weak >= self.times.fade) | is_clearer
         self.lasts = self.lasts & ~is_over | starts
         report = self.due & (self.held >= wait)
         self.due = self.due & ~report
@@ -201,12 +208,11 @@ class Frames(Detector):
                 f"detector=frames: a part of the training recordings has no {missing}; record some"
             )
         all_signals = np.concatenate(signals)
-        sizes = np.abs(np.concatenate([all_signals[:, :LEVELS], all_signals[:, -CHANGES:]], axis=1))
+        sizes = np.abs(all_signals[:, [*range(LEVELS), *range(CHANGED, CHANGED + CHANGES)]])
         fitted.offsets_ = OFFSET * np.median(sizes[is_touch], axis=0) + 1e-6
         fitted.idle_ = np.median(all_signals[~is_touch, :LEVELS], axis=0).astype(np.float32)
-        features = np.concatenate(
-            [tick_features(series, fitted.offsets_, fitted.idle_) for series in signals]
-        )
+        fitted.slight_ = SLIGHT * recordings.corpus.full_scale
+        features = np.concatenate([fitted._features(series) for series in signals])
         classes = np.where(~is_touch, 0, np.where(age <= AGES, 1, 2))
         weight = np.where(is_touch, np.sqrt(np.minimum(1, 2 * AGES / np.maximum(length, 1))), 1.0)
         fitted.mean_, fitted.sd_ = features.mean(axis=0), features.std(axis=0) + 1e-6
@@ -219,7 +225,7 @@ class Frames(Detector):
         gauges = [measure_disturbance(series).max(axis=0) for series in signals]
         calm = np.max(gauges, axis=0)
         fitted.calm_ = calm
-        fitted.limits_ = np.maximum(MARGIN * calm, SLIGHT * recordings.corpus.full_scale)
+        fitted.limits_ = np.maximum(MARGIN * calm, fitted.slight_)
         fitted.disturbed_ = ()
         return fitted
 
@@ -268,6 +274,9 @@ class Frames(Detector):
             return faintest
         return float(np.clip(faintest, self.calm_[gauge], self.limits_[gauge]))
 
+    def _features(self, signals: np.ndarray) -> np.ndarray:
+        return tick_features(signals, self.offsets_, self.idle_, self.slight_)
+
     def _standardise(self, table: np.ndarray) -> np.ndarray:
         return np.clip((table - self.mean_) / self.sd_, -CLIP, CLIP)
 
@@ -299,7 +308,7 @@ class Frames(Detector):
 
     def _log_odds(self, signals: np.ndarray) -> np.ndarray:
         """Log-odds of touch and of its beginning by this classifier alone [ticks, 2]."""
-        features = self._standardise(tick_features(signals, self.offsets_, self.idle_))
+        features = self._standardise(self._features(signals))
         scores = self.model_.decision_function(features)
         if scores.ndim == 1:  # two classes; the first one scores 0
             scores = np.stack([0 * scores, scores], axis=1)
@@ -337,6 +346,7 @@ class Frames(Detector):
         signal_constants = {
             "COMMON": COMMON,
             "HIGHEST": HIGHEST,
+            "MEANS": len(PACES),
             "UP": self.tick / self.up,
             "DOWN": self.tick / self.down,
         }
@@ -348,6 +358,8 @@ class Frames(Detector):
             "RISES": RISES,
             "LEVELS": LEVELS,
             "CHANGES": CHANGES,
+            "SLOW": SLOW,
+            "SLIGHT": self.slight_,
             "LOOKS": len(self.mean_),
             "KINDS": classes,
             "MODELS": len(models),
@@ -360,6 +372,9 @@ class Frames(Detector):
             "DROP": self.drop,
             "BEGUN": BEGUN,
             "AGES": AGES,
+            "BEGINS": BEGINS,
+            "GROWN": GROWN,
+            "JUMP": JUMP,
             "FADED": FADED,
             "HOLD": self.times_.hold,
             "FADE": self.times_.fade,
@@ -393,18 +408,17 @@ class Frames(Detector):
             arrays["limits"] = [limit for *_, limit in self.disturbed_]
         state = (
             "float baseline[{TAXELS}], above[{TAXELS}];  /* of the last tick */",
-            f"float slow[{len(PACES)}][{{TAXELS}}];  /* slow means */",
+            "float slow[{MEANS}][{TAXELS}];  /* slow means */",
             "float logs[{MODELS}][{LOOK}][{LEVELS}], area, row, col;  "
             "/* rings; of the last tick */",
-            "float means[{LOOK}][{CHANGES} / 3];  "
-            "/* a ring: mean of the readings less each slow mean */",
+            "float means[{LOOK}][{SLOW}];  /* a ring: mean of the readings less each slow mean */",
             "int model;  /* the classifier that decides */",
             "int at, looked;  /* place in the rings, ticks in them */",
             "int since, below, weak, begun, held, lasts, is_known;  "
             "/* ticks of the touch; whether it was reported */",
             "float highest;  /* log-odds of the touch */",
-            "float calm[2][{CALM}], shared;  "
-            "/* rings: changes of what taxels share, movement; last tick */",
+            "float calm[2][{CALM}], shared, noise;  "
+            "/* rings: changes of what taxels share, movement; last tick; least movement */",
             "int calmed;  /* place in these rings */",
         )
         arrays = {f"look_{name}": np.asarray(v, np.float32) for name, v in arrays.items()}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, minimum_filter1d, rank_filter
+from scipy.ndimage import maximum_filter1d, minimum_filter1d, rank_filter, uniform_filter
 
 COMMON = 0.4  # quantile over taxels that estimates a change of all taxels
 HIGHEST = 25  # one in so many taxels is among the highest
@@ -13,9 +13,14 @@ MINIMA, MAXIMA, MEDIAN = (1, 2, 4, 10, 40), (2, 5, 15, 60), 30  # ticks that fea
 RISES = 8  # ticks of which the largest rise counts
 LEVELS = 5  # signals that are levels: mean, excess, highest, movement, highest movement
 MOVEMENT, COMMON_LEVEL = 3, 9  # signals that measure disturbance
-# Seconds of slow means that readings are compared with; chosen on HAART with noise and CuddleBot.
-PACES = (1.0, 7.5)
-CHANGES = 3 * len(PACES)  # signals from slow means: mean over taxels, highest less mean, SD
+CHANGED = 10  # the first of the signals from slow means
+# Seconds of slow means, the slowest last; chosen on HAART with noise and CuddleBot.
+PACES = (0.25, 0.5, 1.0, 7.5)
+SLOW = 2  # slow means that readings are compared with: the last ones
+CHANGES = 3 * SLOW  # signals from them: mean over taxels, highest less mean, SD
+# Signals of each other mean less the slowest one: mean over taxels, highest and lowest mean of nine
+# taxels, SD. They show touches that are fainter than the noise of a tick.
+SUMMED = 4 * (len(PACES) - 1)
 CALM, CALMEST = 60, 0.25  # ticks, and the share of them with the least common movement
 
 
@@ -39,8 +44,7 @@ class Levels:
         """Signals of the next frames [ticks, rows, cols], as if they came one by one.
 
         They are levels (mean, excess, its highest, the same two of its change), area, cosine to
-        the tick before, centroid, the common level of taxels, and of readings above each slow mean
-        their mean, how far the highest exceed it, and SD.
+        the tick before, centroid, the common level of taxels, `CHANGES` and `SUMMED`.
         """
         raw = flat = frames.reshape(len(frames), -1).astype(np.float32)
         size, taxels = max(frames.shape[1:]), flat.shape[1]
@@ -61,20 +65,27 @@ class Levels:
         y, x = (_divide((above * part).sum(axis=1), total, 0) / size for part in (rows, cols))
         mean, mean_excess, movement = (v.sum(axis=1) / taxels for v in (flat, above, moved))
         levels = mean, mean_excess, _mean_of_highest(above), movement, _mean_of_highest(moved)
-        changes = []
-        for change in self._subtract_slow_means(raw):
+        means, changes, summed = self._follow_slow_means(raw), [], []
+        for slow in means[-SLOW:]:
+            change = raw - slow
             mean_change = change.mean(axis=1)
             changes += [mean_change, _mean_of_highest(change) - mean_change, change.std(axis=1)]
-        columns = [*levels, area, cosine, y, x, common, *changes]
+        for smooth in means[:-1]:
+            change = smooth - means[-1]
+            images = change.reshape(frames.shape)
+            around = uniform_filter(images, (1, 3, 3), mode="constant").reshape(change.shape)
+            extremes = _mean_of_highest(around), -_mean_of_highest(-around)
+            summed += [change.mean(axis=1), *extremes, change.std(axis=1)]
+        columns = [*levels, area, cosine, y, x, common, *changes, *summed]
         return np.stack(columns, axis=1).astype(np.float32)
 
-    def _subtract_slow_means(self, raw: np.ndarray) -> np.ndarray:
-        """Subtract from readings each slow mean, which follows them [paces, ticks, taxels]."""
-        above = np.empty((len(raw), *self.slow.shape), np.float32)
-        for tick, now in zip(above, raw, strict=True):
+    def _follow_slow_means(self, raw: np.ndarray) -> np.ndarray:
+        """Slow means after each of the readings, which they follow [paces, ticks, taxels]."""
+        means = np.empty((len(raw), *self.slow.shape), np.float32)
+        for tick, now in zip(means, raw, strict=True):
             self.slow += self.paces * (now - self.slow)
-            np.subtract(now, self.slow, out=tick)
-        return above.swapaxes(0, 1)
+            tick[:] = self.slow
+        return means.swapaxes(0, 1)
 
     def _subtract_baseline(self, flat: np.ndarray) -> np.ndarray:
         """Subtract the baseline, which follows the frames."""
@@ -97,12 +108,15 @@ def _mean_of_highest(values: np.ndarray) -> np.ndarray:
     return np.partition(values, values.shape[1] - few, axis=1)[:, -few:].sum(axis=1) / few
 
 
-def tick_features(signals: np.ndarray, offsets: np.ndarray, idle: np.ndarray) -> np.ndarray:
+def tick_features(
+    signals: np.ndarray, offsets: np.ndarray, idle: np.ndarray, slight: float
+) -> np.ndarray:
     """Features of each tick, from its signals and earlier ones [ticks, features].
 
     The first tick of a stream is its own baseline, and nothing has moved yet. Its levels, except
     the mean, are set to those of an idle sensor; otherwise the next ticks would look like a rise.
     Logarithms are taken after offsets are added to each level and to the size of each change.
+    Summed signals count in units of the sensor's noise, which is at least ``slight``.
     """
     levels = signals[:, :LEVELS].copy()
     levels[0, 1:] = idle[1:]
@@ -121,9 +135,11 @@ def tick_features(signals: np.ndarray, offsets: np.ndarray, idle: np.ndarray) ->
     columns += [area, np.diff(area, prepend=area[:1]), cosine]
     centre = signals[:, LEVELS + 2 : LEVELS + 4]
     speed = np.abs(np.diff(centre, axis=0, prepend=centre[:1])).sum(axis=1)
-    changes = signals[:, -CHANGES:].copy()
+    changes = signals[:, CHANGED : CHANGED + CHANGES].copy()
     changes[:, ::3] -= _running_median(changes[:, ::3], MEDIAN)  # a drift of all taxels cancels out
     columns += [speed, *(np.sign(changes) * np.log1p(np.abs(changes) / offsets[LEVELS:])).T]
+    noise = np.maximum(_measure_noise(signals), slight)
+    columns += [np.log(noise), *np.arcsinh(2 * signals[:, -SUMMED:].T / noise)]
     return np.stack(columns, axis=1).astype(np.float32)
 
 
@@ -137,8 +153,12 @@ def measure_disturbance(signals: np.ndarray) -> np.ndarray:
     change = np.abs(np.diff(signals[:, COMMON_LEVEL], prepend=signals[:1, COMMON_LEVEL]))
     rank = int(CALMEST * CALM)
     vibration = rank_filter(change, rank, CALM, origin=(CALM - 1) // 2, mode="nearest")
-    noise = _past_extreme(minimum_filter1d, signals[:, MOVEMENT], CALM)
-    return np.stack([vibration, noise], axis=1)
+    return np.stack([vibration, _measure_noise(signals)], axis=1)
+
+
+def _measure_noise(signals: np.ndarray) -> np.ndarray:
+    """The least movement in the last ticks [ticks]."""
+    return _past_extreme(minimum_filter1d, signals[:, MOVEMENT], CALM)
 
 
 def _past_extreme(extreme: Callable[..., np.ndarray], series: np.ndarray, size: int) -> np.ndarray:
