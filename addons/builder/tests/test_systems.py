@@ -26,9 +26,15 @@ from touchbench_builder.certificate import expected_accuracy
 from touchbench_builder.fitting import EARLY, fit_or_load
 from touchbench_builder.sessions import measure_session_cost
 from touchbench_builder.slices import most_instructions, needed_ram, spread_work
-from touchbench_builder.systems import nested_labels, nothing_fits_message, systems_without_each
+from touchbench_builder.systems import (
+    nested_labels,
+    nothing_fits_message,
+    parse_trained_faults,
+    systems_without_each,
+)
 from touchbench_chip.tables import check_exportable
 from touchbench_streams.detectors.ticks import TickWatcher
+from touchbench_streams.stress import parse_faults
 
 
 def make_choice(flash, ram, accuracies, budgets):
@@ -75,6 +81,14 @@ def test_each_candidate_has_c_and_one_that_can_watch_learns_noise():
         and title == "lda on touch_profiles, windows of 1 s, trained against own_noise"
     )
     assert seconds[title] > seconds["lda on touch, windows of 1 s"]  # copies, and more features
+
+
+def test_a_stream_can_have_each_fault_of_a_certificate_and_captures_those_to_train_against():
+    assert {*parse_faults(systems.DEFAULT_FAULTS)} == {*systems.DEFAULT_FAULTS}
+    assert parse_trained_faults("+".join(systems.TRAINED_FAULTS)) == systems.TRAINED_FAULTS
+    assert parse_trained_faults("none") == () and parse_trained_faults("auto") is None
+    with pytest.raises(InputError, match="faults=nois: unknown; did you mean noise"):
+        parse_trained_faults("nois+cover")
 
 
 TIME_LEFT = [  # seconds, of which 185 come after a comparison and 20 are its first folds
@@ -133,6 +147,20 @@ def test_training_against_faults_is_kept_for_whom_the_others_lose_little(flash, 
     _, name, after = systems._harden(comparison, "lda", dict(deciding), {"flash": 40}, 1.0)
     assert name == ("hard" if is_kept else "lda")
     assert after == dict.fromkeys("12345678", name) | {"2": "tree"}
+
+
+@pytest.mark.parametrize(("people", "lacks", "count"), [(4, "", 1), (3, "", 0), (5, "rub", 0)])
+def test_a_system_that_tunes_itself_is_tried_where_people_can_be_left_out(people, lacks, count):
+    """In the third case, one person has not shown a gesture."""
+    corpus = random_corpus(people, 1, gestures=("pat", "rub"), grid=(4, 4))
+    is_kept = (corpus.subjects != "5") | (corpus.gestures != lacks)
+    candidates = candidate_systems(corpus[np.flatnonzero(is_kept)])
+    tuned = [values for values, _ in candidates if "model.tune" in values]
+    assert [*map(system_title, tuned)] == ["lda on touch, windows of 1 s, tuned"] * count
+    for values in tuned:
+        (cell,) = make_cells({"data": "synth", **values})
+        assert cell.model.parameters["tune"] is True
+        check_exportable(cell.untrained_system)
 
 
 @pytest.mark.parametrize(
