@@ -448,8 +448,8 @@ def learn_together(batches: Sequence[Batch]) -> list[torch.Tensor]:
         for p, gradient in zip(training.net.parameters(), gradients, strict=True):
             p.grad = gradient[place]
         training.optimiser.step()
-        for name, value in training.buffers.items():
-            value.copy_(buffers[name][place])
+    for name, stacked in buffers.items():
+        torch._foreach_copy_([training.buffers[name] for training in trainings], [*stacked])
     return [*losses.detach()]
 
 

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 import torch
 
-from bench.models.nets import training
+from bench.models.nets import ren2023, training
 from bench.models.nets.cnn85 import CNN85
 from bench.models.nets.hughes2017 import Hughes2017AERNN, Hughes2017CNN, Hughes2017CNNRNN
 from bench.models.nets.ren2023 import Ren2023Transformer
@@ -16,7 +16,7 @@ from bench.models.nets.zhou2016 import Zhou2016CNN2D, Zhou2016CNN3D, Zhou2016GML
 from tests.conftest import random_corpus
 
 SMALL = {
-    CNN85: {"frames": 10, "batch": 16},
+    CNN85: {"frames": 10, "batch": 16, "width": 0.1},
     Hughes2017CNN: {"batch": 16},
     Hughes2017CNNRNN: {"batch": 4},
     Hughes2017AERNN: {"batch": 4},
@@ -32,6 +32,12 @@ SMALL = {
 @pytest.fixture(scope="module")
 def corpus():
     return random_corpus(subjects=3, per_class=4)
+
+
+@pytest.fixture(autouse=True)
+def small_attention(monkeypatch):
+    monkeypatch.setattr(ren2023, "WIDTH", 32)
+    monkeypatch.setattr(ren2023, "LAYERS", 2)
 
 
 def with_card(system, **methods):
