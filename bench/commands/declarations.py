@@ -14,6 +14,7 @@ from bench.grammar.options import (
     FIT_OPTIONS,
     MODEL,
     MORE,
+    OF_FILE,
     RUN_OPTIONS,
     SEED,
     SHIP,
@@ -365,6 +366,7 @@ PREDICT = Command(
             "out", "text", "", "CSV file that is safe in spreadsheets; default: print the table"
         ),
         Option("rate_hz", "number", None, "frame rate of FILE in Hz; must equal the model's"),
+        OF_FILE,
     ),
 )
 RUNS = Command(
