@@ -211,6 +211,13 @@ def index_by_source(
     return table.set_axis(pd.MultiIndex.from_arrays(levels, names=SOURCE_LEVELS))
 
 
+def without_sources(X: pd.DataFrame | np.ndarray) -> pd.DataFrame | np.ndarray:
+    """The table without the sources in its index, for a system with one scale."""
+    if has_capture_copy_index(X) and "source" in X.index.names:
+        return X.droplevel(SOURCE_LEVELS[2:])
+    return X
+
+
 def source_of_rows(X: pd.DataFrame | np.ndarray) -> np.ndarray:
     """Corpus that each row comes from, str [rows]; without `index_by_source` all the same."""
     if has_capture_copy_index(X) and "source" in X.index.names:

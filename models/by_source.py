@@ -15,7 +15,7 @@ from sklearn.base import BaseEstimator, TransformerMixin
 from bench.corpora.corpus import Corpus
 from bench.features.base import added_rows, source_of_rows
 
-ADDED_SHARE = 0.35  # of a batch: captures of ``also=``, as on two studies (docs/notes/numbers.md)
+ADDED_SHARE = 0.35  # of a batch; fixed before the runs of docs/notes/numbers.md
 ROUNDING = 1e-9  # share of a mean: a smaller SD is that of a constant
 
 
@@ -30,11 +30,13 @@ class SourceScales:
 
     Attributes:
         maps: factor and shift [n] of each source whose values change.
+        changes_tested: True if values of tested sources change, as several are tested.
     """
 
     def __init__(self, values: Mapping[str, np.ndarray], added: Collection[str] = ()) -> None:
         self.maps: dict[str, tuple[np.ndarray, np.ndarray]] = {}
         tested = [name for name in values if name not in added]
+        self.changes_tested = len(tested) > 1
         if len(values) < 2 or not tested:
             return
         wanted_mean, wanted_sd = _mean_and_sd(np.concatenate([values[name] for name in tested]))

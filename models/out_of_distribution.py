@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from bench.features.base import is_constant, undamaged_rows
+from bench.features.base import is_constant, undamaged_rows, without_sources
 from bench.models.classic.lda import Discriminants
 from bench.models.classic.perceptron import Perceptron
 from bench.models.most_probable import MostProbable
@@ -57,7 +57,7 @@ class GuardedDiscriminants(MostProbable):
         self.sd_[is_constant(values) | (self.sd_ == 0)] = np.inf
         self.linear_ = Discriminants(windows=self.windows, tune=self.tune)
         self.linear_.fit(X[undamaged], y[undamaged], subjects[undamaged] if self.tune else None)
-        self.robust_ = Perceptron(self.units, seed=self.seed).fit(X, y)
+        self.robust_ = Perceptron(self.units, seed=self.seed).fit(without_sources(X), y)
         self.classes_ = self.linear_.classes_
         return self
 

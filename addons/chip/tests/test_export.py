@@ -28,15 +28,18 @@ from addons.chip.tests.compiled import (
 )
 from bench.cli import main
 from bench.corpora.corpus import Corpus
+from bench.corpora.joined import add_corpora, join_corpora
 from bench.errors import InputError
 from bench.features.jung28 import Jung28
 from bench.features.touch import TouchFeatures
 from bench.models.classic.bayes import bayes
+from bench.models.classic.perceptron import perceptron
 from bench.models.classic.rf import et, rf
 from bench.models.recipe import Recipe
 from bench.models.sizes import measure_sizes
-from bench.running.saved import save_model, silence_mlflow
+from bench.running.saved import Recogniser, save_model, silence_mlflow
 from tests.conftest import random_corpus
+from tests.corpora.made import study
 from touchbench_chip.tables import collect_contents
 
 pytestmark = pytest.mark.skipif(bool(describe_missing("gcc")), reason=describe_missing("gcc"))
@@ -438,3 +441,15 @@ def test_c_that_would_take_nan_for_a_reading_is_not_compiled(flag, tmp_path):
     call = ["gcc", "-std=c99", flag, "-c", "touch.c"]
     done = subprocess.run(call, cwd=folder, capture_output=True, text=True, check=False)
     assert done.returncode and "build touch.c without -ffast-math" in done.stderr
+
+
+def test_a_model_with_a_scale_for_each_of_several_sensors_has_no_c():
+    studies = [study("one", ("1", "2", "3")), study("two", ("1", "2", "3"))]
+    joined, added = join_corpora(studies), add_corpora(studies[0], studies[1:])
+    for corpus in (added, joined):
+        system = Recipe(perceptron(TouchFeatures(), updates=2), window=0.2)
+        recogniser = Recogniser(system.fit(corpus, corpus.gestures), corpus, None)
+        if corpus is added:
+            collect_contents(recogniser, 32)
+    with pytest.raises(InputError, match="C has one sensor"):
+        collect_contents(recogniser, 32)

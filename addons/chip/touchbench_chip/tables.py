@@ -94,6 +94,12 @@ def collect_contents(recogniser: Recogniser, bits: int) -> CContents:
         early_system, early_steps = _unwrap_recipe(estimator.early_)
         estimator = estimator.whole_
     system, steps = _unwrap_recipe(estimator)
+    decider = system.steps[-1][1] if isinstance(system, Pipeline) else system
+    if (scales := getattr(decider, "scales_", None)) and scales.changes_tested:
+        raise InputError(
+            "the model has a scale for each of several corpora, and C has one sensor; fit it on "
+            "data= of one and give the others as also="
+        )
     arrays: dict[str, np.ndarray] = {}
     if isinstance(system, Pipeline):
         name, windows = _find_feature_code(system, steps)
