@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
+from bench.contract import chosen_values
 from bench.corpora.corpus import Corpus
 from bench.corpora.duplicates import capture_digests
 from bench.corpora.sensor import find_session_column, sensor_table
@@ -23,7 +24,7 @@ from bench.values.sentences import template_environment
 from touchbench_builder import systems
 from touchbench_builder.bounds import SPREAD
 from touchbench_builder.candidates import BITS
-from touchbench_builder.fitting import train_chosen
+from touchbench_builder.fitting import ChosenSystem, train_chosen
 from touchbench_builder.sessions import measure_session_cost
 from touchbench_builder.stream import (
     bounds_of_counts,
@@ -31,7 +32,7 @@ from touchbench_builder.stream import (
     describe_stream,
     open_stream_captures,
 )
-from touchbench_builder.systems import WATCH, ChosenSystem, make_plan, run_plan
+from touchbench_builder.systems import WATCH, make_plan, run_plan
 from touchbench_chip.write import hash_fixed_code, poisson_upper_rate
 from touchbench_streams.recordings import comes_from_recordings
 from touchbench_streams.stress import FAULT_SCORES
@@ -100,6 +101,7 @@ def make_certificate(
             "model": f"runs:/{run_id}/model",
             "bits": BITS,
             "code": hash_fixed_code(),
+            "chosen": chosen_values(recogniser.estimator),
         },
         "stream": stream,
         "captures": expected_accuracy(choice.captures),

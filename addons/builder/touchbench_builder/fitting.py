@@ -1,4 +1,4 @@
-"""Models of a build: trained on all captures, and measured as linked C."""
+"""The chosen system of a build; models trained on all captures, and measured as linked C."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ import hashlib
 import json
 import tempfile
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
 
 from bench.corpora.corpus import Corpus
 from bench.corpora.skin import design_of
@@ -30,7 +32,8 @@ from touchbench_streams.teaching import Watching
 if TYPE_CHECKING:
     from bench.contract import System
     from bench.plan.cells import Cell
-    from touchbench_builder.systems import ChosenSystem
+    from bench.reading.scene import Board
+    from touchbench_builder.stream import WatchedPeople
     from touchbench_streams.detectors.ticks import TickWatcher
 
 BUILT_TAG = "touchbench.built"  # tag of a model: hash of what it was built from
@@ -38,6 +41,39 @@ EARLY = "calibration and early decisions"
 COUNTED = ("flash_bytes", "ram_bytes", "stack_bytes", "frame_instructions", "most_instructions")
 CHIP_COSTS = (*COUNTED, "table_bytes", "frame_bytes", "delay_s")
 CHIP_COST_OF = {"flash": "flash_bytes", "ram": "needed_ram_bytes", "cycles": "most_instructions"}
+
+
+@dataclass(frozen=True)
+class ChosenSystem:
+    """The chosen system.
+
+    Attributes:
+        values: its keys of ``bench run``.
+        name: its name in tables.
+        table: a row per compared system: system, accuracy in percent, flash and ram in kB, verdict.
+        systems: the system that is chosen without each person, "" where none is.
+        captures: a row per capture, labelled by the system that is chosen without its subject.
+        watched: touches and reports of each person by that system; None without streams.
+        left_out: systems that were not compared, with reasons.
+        runs: ids of the compared runs.
+        limits: budget of each cost.
+        frame_limit: most instructions of a frame, as of `most_instructions`.
+        board: the robot's board.
+        run_id: id of its run.
+    """
+
+    values: dict[str, Any]
+    name: str
+    table: pd.DataFrame
+    systems: dict[str, str]
+    captures: pd.DataFrame
+    watched: WatchedPeople | None
+    left_out: list[str]
+    runs: list[str]
+    limits: dict[str, float]
+    frame_limit: float
+    board: Board | None
+    run_id: str
 
 
 class GesturesAndStream(Watching):

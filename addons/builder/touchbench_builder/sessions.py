@@ -13,7 +13,8 @@ from bench.ground.progress import warn
 from bench.values.intervals import mean_interval
 from bench.values.measures import value_or_none
 from touchbench_builder.captures import find_two_sessions
-from touchbench_builder.systems import WATCH, ChosenSystem, count_right, make_plan, run_plan
+from touchbench_builder.fitting import ChosenSystem
+from touchbench_builder.systems import WATCH, count_right, make_plan, run_plan
 
 
 def measure_session_cost(

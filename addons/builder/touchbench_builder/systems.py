@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -37,18 +36,16 @@ from touchbench_builder.candidates import (
 )
 from touchbench_builder.captures import find_two_sessions
 from touchbench_builder.deadline import LimitedExecutor, OutOfTime
-from touchbench_builder.fitting import CHIP_COST_OF, fits_budgets, linked_costs
+from touchbench_builder.fitting import CHIP_COST_OF, ChosenSystem, fits_budgets, linked_costs
 from touchbench_builder.slices import most_instructions, needed_ram
 from touchbench_builder.stream import select_people
 from touchbench_chip.measure import missing_programs
 
 if TYPE_CHECKING:
     from bench.plan.plan import Plan
-    from bench.reading.scene import Board
     from bench.running.workers import FoldExecutor
     from bench.values.result import Result
     from touchbench_builder.progress import Progress
-    from touchbench_builder.stream import WatchedPeople
 
 STREAM_BUDGETS = ("max_false_alarms", "max_latency")  # of a scene, for recordings
 WATCH = "watch"  # the command of runs on streams
@@ -64,39 +61,6 @@ FAULT_TIME, LAST_FIT_TIME = 2.5, 2.0
 # sessions; and the last fit, in folds, whose detector is there.
 STREAM_FAULTS_TIME, CAPTURES_TIME, SESSIONS_TIME, LAST_WATCHING_FITS = 1.2, 0.15, 2.0, 1.0
 WRITING_S = 20.0  # of the folder: its C labels all captures and passes its test
-
-
-@dataclass(frozen=True)
-class ChosenSystem:
-    """The chosen system.
-
-    Attributes:
-        values: its keys of ``bench run``.
-        name: its name in tables.
-        table: a row per compared system: system, accuracy in percent, flash and ram in kB, verdict.
-        systems: the system that is chosen without each person, "" where none is.
-        captures: a row per capture, labelled by the system that is chosen without its subject.
-        watched: touches and reports of each person by that system; None without streams.
-        left_out: systems that were not compared, with reasons.
-        runs: ids of the compared runs.
-        limits: budget of each cost.
-        frame_limit: most instructions of a frame, as of `most_instructions`.
-        board: the robot's board.
-        run_id: id of its run.
-    """
-
-    values: dict[str, Any]
-    name: str
-    table: pd.DataFrame
-    systems: dict[str, str]
-    captures: pd.DataFrame
-    watched: WatchedPeople | None
-    left_out: list[str]
-    runs: list[str]
-    limits: dict[str, float]
-    frame_limit: float
-    board: Board | None
-    run_id: str
 
 
 class Comparison:
