@@ -118,7 +118,9 @@ class Reflex(MostProbable):
 
     def fit(self, X: Corpus, y: np.ndarray) -> Reflex:
         """Learn from captures and their class names."""
-        self.whole_, self.early_ = (recipe.fit(X, y) for recipe in self._make_recipes())
+        whole, early = self._make_recipes()
+        self.early_ = early.fit(X, y)  # first: its rows take most memory, and torch is not loaded
+        self.whole_ = whole.fit(X, y)
         self.classes_, self.window_ = self.whole_.classes_, self.whole_.window_
         return self
 

@@ -20,6 +20,7 @@ BATCH_ROWS = 256
 MAX_RATE = 2e-3  # reached after a third of the updates (one cycle, Smith and Topin 2019)
 WEIGHT_DECAY = 0.1  # decoupled (Loshchilov and Hutter 2019)
 DROPOUT = 0.5  # of the hidden units
+COLUMNS = 64  # that are summed at once, in double precision
 
 
 @dataclass(eq=False, repr=False)
@@ -71,10 +72,10 @@ class Perceptron(MostProbable):
         row_weights = np.where(undamaged_rows(X), 1.0, self.damaged)
         row_weights = weigh_added(row_weights, added_rows(X))
         shares = row_weights / row_weights.sum()
-        self.mean_ = (shares @ Z).astype(np.float32)
+        self.mean_ = _weighted_sum(shares, Z).astype(np.float32)
         squares = Z - self.mean_
         np.square(squares, out=squares)
-        self.scale_ = np.sqrt(shares @ squares).astype(np.float32)
+        self.scale_ = np.sqrt(_weighted_sum(shares, squares)).astype(np.float32)
         del squares
         self.scale_[is_constant(Z) | (self.scale_ == 0)] = np.inf
         inputs, target = torch.from_numpy(self._standardise(Z)), torch.from_numpy(codes)
@@ -137,6 +138,12 @@ class Perceptron(MostProbable):
     def parameters_(self) -> int:
         """Number of weights, biases, means and scales."""
         return sum(a.size for a in (*self.coefs_, *self.intercepts_, self.mean_, self.scale_))
+
+
+def _weighted_sum(weights: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """``weights @ values`` in double precision [n], without a copy of all values in it."""
+    starts = range(0, values.shape[1], COLUMNS)
+    return np.concatenate([weights @ values[:, i : i + COLUMNS] for i in starts])
 
 
 def perceptron(
