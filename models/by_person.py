@@ -19,7 +19,7 @@ from bench.corpora.corpus import Corpus, unblind
 from bench.features.base import is_stateless
 from bench.features.cache import cache_key
 from bench.models.classic.row_summaries import RowSummary, SummaryTree
-from bench.models.search.inner_folds import make_inner_folds
+from bench.models.search.inner_folds import make_inner_folds, tested_subjects
 
 MAX_BYTES = 1 << 28  # of the summaries that a process keeps
 BYTES_PER_PERSON = 16  # for each pair of features: a matrix of the person, and one of a half
@@ -47,7 +47,7 @@ class PerPersonPipeline(Pipeline):
         width = len(features.fit(X).get_feature_names_out()) if persons else 0
         bytes_each = BYTES_PER_PERSON * width**2
         if not persons or len(persons) * bytes_each > MAX_BYTES:
-            subjects = {f"{name}__subjects": X.subjects} if classifier.tune else {}
+            subjects = {f"{name}__subjects": tested_subjects(X)} if classifier.tune else {}
             super().fit(X, y, **subjects)
             self.fit_seconds_ = tuple(_read_clocks() - started)
             return self

@@ -30,6 +30,7 @@ from bench.models.by_person import PerPersonPipeline
 from bench.models.by_source import SourceScaler
 from bench.models.most_probable import MostProbable, mean_by_capture
 from bench.models.quantised import BITS, can_quantise, quantise_pipeline
+from bench.models.search.inner_folds import tested_subjects
 from bench.models.steps import DamagedCopies, Repair, Scale, TurnedCopies
 
 MAX_WINDOW_S = 3600.0
@@ -156,7 +157,7 @@ class Recipe(MostProbable):
             seen, source = apply_steps(part, steps)
             tables.append(features.fit_transform(seen))
             labels.append(part.gestures[source])
-            subjects.append(part.subjects[source])
+            subjects.append(tested_subjects(part)[source])
         rate_hz = part.rate_hz
         del part, seen  # and with them their frames
         table, y = pd.concat(tables), np.concatenate(labels)
@@ -197,7 +198,7 @@ class Recipe(MostProbable):
         else:
             seen, source = apply_steps(X, steps)
             table = features.fit_transform(seen, y[source])
-        later = _fit_later_steps(later_steps, table, y[source], X.subjects[source])
+        later = _fit_later_steps(later_steps, table, y[source], tested_subjects(X)[source])
         return Pipeline([(name, features), *later.steps])
 
     def decide(self, X: Corpus) -> tuple[pd.DataFrame, np.ndarray]:

@@ -135,7 +135,8 @@ def choose_settings(
     """Choose shrinkage and windows by the accuracy on captures of left-out subjects.
 
     Each combination of `SHRINKAGES` and `WINDOWS` is trained without each subject. The best has the
-    highest mean accuracy over the subjects, on their undamaged captures.
+    highest mean accuracy over the subjects, on their undamaged captures. Rows whose subject is ""
+    are in each training part.
 
     Raises:
         InputError: there is only one subject.
@@ -144,11 +145,12 @@ def choose_settings(
     has_windows = len(np.unique(captures)) < len(captures)
     settings = [*itertools.product(WINDOWS if has_windows else WINDOWS[:1], SHRINKAGES)]
     windows = sorted({number for number, _ in settings})
-    folds = split_subjects(np.asarray(subjects, dtype=str), "loso")
-    tree, accuracies = SummaryTree(), np.zeros((len(folds), len(settings)))
-    for key, (_, rows) in enumerate(folds):
+    own, added = np.flatnonzero(subjects != ""), np.flatnonzero(subjects == "")
+    rows_of_persons = [own[rows] for _, rows in split_subjects(subjects[own], "loso")]
+    tree, accuracies = SummaryTree(), np.zeros((len(rows_of_persons), len(settings)))
+    for key, rows in enumerate([*rows_of_persons, added] if len(added) else rows_of_persons):
         tree.persons[key] = summarise_rows(X.iloc[rows], y[rows], windows, damaged)
-    for key, (_, rows) in enumerate(folds):
+    for key, rows in enumerate(rows_of_persons):
         others = tree.merge(tuple(each for each in tree.persons if each != key))
         judged = rows[undamaged_rows(X)[rows]]
         Z, codes = X.iloc[judged].to_numpy(np.float64), captures[judged]

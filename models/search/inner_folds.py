@@ -37,6 +37,11 @@ def split_tested_subjects(X: Corpus, inner: str) -> list[tuple[np.ndarray, np.nd
     return [(np.concatenate([own[train], added]), own[judged]) for train, judged in folds]
 
 
+def tested_subjects(X: Corpus) -> np.ndarray:
+    """Subject of each capture as text, "" for captures of `also=`, which judge nothing."""
+    return np.where(X.is_added, "", X.subjects.astype(str))
+
+
 def make_inner_folds(X: Corpus, y: np.ndarray, inner: str) -> list[tuple[np.ndarray, np.ndarray]]:
     """Inner folds of captures and their class names.
 

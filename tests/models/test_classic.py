@@ -258,7 +258,7 @@ def test_summaries_of_persons_merge_to_that_of_all_rows_and_halves_are_kept(seed
 @given(st.integers(0, 10_000))
 @settings(max_examples=5)
 def test_settings_are_the_best_for_people_left_out_and_of_equals_the_first(seed):
-    """Against a loop of plain fits, and accuracies of undamaged captures."""
+    """Against a loop of plain fits, and accuracies of undamaged captures; e judges nothing."""
     X, y = of_captures(seed, captures=60, d=6)
     captures = X.index.get_level_values("capture").to_numpy()
     subjects = np.array([*"abcde"])[captures % 5]
@@ -267,7 +267,7 @@ def test_settings_are_the_best_for_people_left_out_and_of_equals_the_first(seed)
     for windows in (1.0, 4.0):
         for shrinkage in (0.4, 0.2, 0.1, 0.05, 0.025):
             people = []
-            for person in "abcde":
+            for person in "abcd":
                 rest, own = subjects != person, (subjects == person) & is_whole
                 model = Discriminants(shrinkage, windows, damaged=0.3).fit(X[rest], y[rest])
                 proba = pd.DataFrame(model.predict_proba(X[own])).groupby(captures[own]).mean()
@@ -275,7 +275,7 @@ def test_settings_are_the_best_for_people_left_out_and_of_equals_the_first(seed)
                 people.append((model.classes_[proba.to_numpy().argmax(axis=1)] == labels).mean())
             if np.mean(people) > best + 1e-9:
                 best, expected = np.mean(people), (shrinkage, windows)
-    model = Discriminants(damaged=0.3, tune=True).fit(X, y, subjects)
+    model = Discriminants(damaged=0.3, tune=True).fit(X, y, np.where(subjects == "e", "", subjects))
     assert model.chosen_ == {"shrinkage": expected[0], "windows": expected[1]}
     plain = Discriminants(*expected, damaged=0.3).fit(X, y)
     assert np.array_equal(model.coef_, plain.coef_) and not plain.chosen_
