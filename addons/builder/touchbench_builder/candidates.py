@@ -6,6 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from typing import Any
 
+import pandas as pd
+
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
 from bench.features.touch import TouchFeatures
@@ -22,6 +24,9 @@ LARGEST_S = 60.0  # of a fit on one core
 # It loses least under noise for its cost: docs/faults.md.
 STEADY_TRIAL = {"model": "lda", "features": "touch_profiles", "window": 1.0}
 STEADY_TRIAL |= {"faults": "own_noise"}
+TUNED_TRIAL = {"model": "lda", "window": 1.0, "lda.tune": True}
+TUNED_FITS = 4  # time of its fit, in fits with fixed settings
+FEWEST_TO_TUNE = 4  # people; two are left out at once, in thirds for faults in streams
 
 
 def candidate_systems(
@@ -30,8 +35,9 @@ def candidate_systems(
     """Systems that have C, as keys of ``bench run``, with the seconds of a fit on one core.
 
     They are the first trials of ``model=auto`` on windows of ``touch``, one for each model and
-    window, and one that loses little under noise, after the repair of broken taxels; the smallest
-    system; and the most accurate model with C. The cheapest is first.
+    window, one that loses little under noise and, if people are enough, one that chooses its
+    settings itself, after the repair of broken taxels; the smallest system; and the most accurate
+    model with C. The cheapest is first.
 
     Args:
         corpus: captures.
@@ -43,7 +49,11 @@ def candidate_systems(
     systems = [(SMALLEST_SYSTEM, portfolio.MIN_FIT_S), (LARGEST_SYSTEM, LARGEST_S)]
     if faults:
         systems = [(values | train_against(faults), seconds) for values, seconds in systems]
-    for trial in [*_exportable_trials(), portfolio.with_defaults(STEADY_TRIAL)]:
+    trials = [*_exportable_trials(), portfolio.with_defaults(STEADY_TRIAL)]
+    shows_gesture = pd.crosstab(corpus.subjects, corpus.gestures).to_numpy() > 0
+    if len(shows_gesture) >= FEWEST_TO_TUNE and shows_gesture.all():
+        trials.append(portfolio.with_defaults(TUNED_TRIAL))
+    for trial in trials:
         values = {name: trial[name] for name in ("model", "features")}
         values |= {"model.window": trial["window"], "model.repair": REPAIR}
         if faults is not None:
@@ -53,7 +63,7 @@ def candidate_systems(
         if trial["model"] in ROUNDED_MODELS:
             values["model.bits"] = BITS
         seconds = portfolio.expected_fit_seconds(trial, corpus, widths[trial["features"]], classes)
-        systems.append((values, seconds))
+        systems.append((values, seconds * (TUNED_FITS if "lda.tune" in trial else 1)))
     return sorted(systems, key=lambda pair: pair[1])
 
 
@@ -76,8 +86,9 @@ def system_title(values: Mapping[str, Any]) -> str:
     """Name a system in words."""
     features = f" on {values['features']}" if "features" in values else ""
     window = f", windows of {values['model.window']:g} s" if "model.window" in values else ""
+    tuned = ", tuned" if "model.tune" in values else ""
     faults = f", trained against {values['model.faults']}" if "model.faults" in values else ""
-    return f"{values['model']}{features}{window}{faults}"
+    return f"{values['model']}{features}{window}{tuned}{faults}"
 
 
 def train_against(faults: Sequence[str]) -> dict[str, object]:
