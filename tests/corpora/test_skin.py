@@ -14,6 +14,7 @@ from bench.corpora.skin import CURVES, SAMPLINGS, Design
 from bench.errors import InputError
 from bench.plan.grid import make_cells
 from bench.plan.plan import make_plans
+from bench.running.evaluation import captures_of_fold
 
 
 def ragged(lengths, grid=(4, 4), rate_hz=54.0, full_scale=1023.0, seed=0):
@@ -190,3 +191,15 @@ def test_a_design_is_a_corpus_of_its_own_with_the_captures_of_the_recorded_one()
         "skin.grid": "4x4",
         "skin.rate_hz": "27.0",
     }
+
+
+def test_each_fold_learns_its_range_from_its_training_captures_alone():
+    values = {"model": "lda", "features": "touch", "data.subjects": "3", "data.repetitions": "1"}
+    (cell,) = make_cells(values | {"skin.grid": "2x2", "skin.bits": "5", "skin.range": "auto"})
+    (plan,) = make_plans([cell], 1)
+    for fold in plan.folds:
+        learned = captures_of_fold(cell, plan.corpus, fold)
+        trained = plan.corpus[fold.train].frames
+        high = ceil(np.quantile(trained, 0.999))
+        assert learned.info["design"]["range"] == f"{floor(trained.min())}-{high}"
+        assert len(np.unique(learned.frames)) <= 2**5
