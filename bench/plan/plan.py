@@ -257,6 +257,11 @@ def captures_of_cell(cell: Cell) -> Corpus:
     joined = getattr(cell.splitter, "joined", None)
     if cell.also:
         _check_added(cell, bool(joined))
+    if cell.design and joined:
+        raise InputError(
+            f"protocol={cell.protocol}: its training captures come from another skin, which has "
+            "no design; leave skin. out"
+        )
     if cell.run_kind and (own := cell.run_kind.open_captures(cell)) is not None:
         return own
     captures = cell.data, cell.data_parameters, cell.where, cell.target, cell.design, cell.also
