@@ -56,6 +56,7 @@ from bench.models.nets.training import (
     Sequences,
     Training,
     train_alone,
+    upload,
 )
 from bench.models.nets.window import WindowNet
 from bench.models.nets.zhou2016 import Zhou2016CNN2D, Zhou2016CNN3D, Zhou2016GMLSTM, Zhou2016LRCN
@@ -263,7 +264,8 @@ def plain_steps(training: Training, optimiser: Callable) -> tuple[Callable, Call
     """A plain step on a batch, one on row numbers, and the tensors of a first batch."""
     device, samples = training.device, training.samples
     net = with_library_layers(training.net).train()
-    descent, criterion = optimiser(net.parameters()), nn.CrossEntropyLoss()
+    smoothing = training.schedule.smoothing
+    descent, criterion = optimiser(net.parameters()), nn.CrossEntropyLoss(label_smoothing=smoothing)
     labels = torch.from_numpy(training.target).to(device)
     rows = np.arange(min(training.schedule.batch, len(samples)))
     if isinstance(samples.make_example(), tuple):  # drawn anew in each batch
@@ -275,7 +277,7 @@ def plain_steps(training: Training, optimiser: Callable) -> tuple[Callable, Call
                 for part in np.split(np.arange(len(samples)), range(1000, len(samples), 1000))
             ]
         )
-        cut = lambda rows: windows[torch.from_numpy(rows).to(device)]  # noqa: E731
+        cut = lambda rows: windows[upload(torch.from_numpy(rows), device)]  # noqa: E731
 
     def learn(x: object, expected: torch.Tensor) -> None:
         descent.zero_grad(set_to_none=True)
@@ -283,7 +285,7 @@ def plain_steps(training: Training, optimiser: Callable) -> tuple[Callable, Call
         descent.step()
 
     def learn_rows(rows: np.ndarray) -> None:
-        learn(cut(rows), labels[torch.from_numpy(rows).to(device)])
+        learn(cut(rows), labels[upload(torch.from_numpy(rows), device)])
 
     return learn, learn_rows, [cut(rows), labels[: len(rows)].clone()]
 
