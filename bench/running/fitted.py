@@ -67,7 +67,8 @@ class FittedFold:
         train_subjects: int | None = None,
     ) -> pd.DataFrame:
         if train_subjects is None:
-            train_subjects = len(set(self.corpus.subjects[self.fold.train]))
+            trained = self.corpus[self.fold.train]
+            train_subjects = len(set(trained.subjects[~trained.is_added]))
         return labels_with_probability(predictions).assign(
             length=self.corpus.lengths[self.fold.test],
             circumstance=key,

@@ -135,4 +135,5 @@ class Level(ClassifierMixin, BaseEstimator):
 def fake_cell(system, *circumstances):
     """The parts of a cell that a fold needs; it makes systems of a class of the tests."""
     fields = {"title": lambda: "a cell", "seed": 0, "run_kind": None, "splitter": LOSO()}
+    fields |= {"design": None}
     return SimpleNamespace(estimator=system, circumstances=circumstances, **fields)

@@ -12,6 +12,7 @@ from bench.plan.plan import make_plans
 from bench.reading.frame import group_results
 from bench.reading.runs import load_all_runs
 from bench.reports.summary import summarise_group
+from bench.running.circumstances.subjects import captures_of_subjects
 from bench.store.client import connect
 from tests.conftest import random_corpus
 
@@ -42,6 +43,8 @@ def test_a_run_with_added_people_is_another_run_on_the_same_captures(studies):
         assert np.array_equal(mine.train, other.train[: len(mine.train)])
         assert len(other.train) == len(mine.train) + len(two)
         assert np.array_equal(added.corpus[other.test].frames, one[mine.test].frames)
+        few = captures_of_subjects(added.corpus, other.train, other.test, 2, 0)
+        assert len({*added.corpus[few].subjects}) == 2 + 7
     assert plain.facts["touchbench.captures"] == added.facts["touchbench.captures"]
     (part,) = make_plans(make_cells(ON | {"also": "two", "where": "subject != '1'"}), 1)
     assert "1" not in part.corpus.subjects and "two 1" in part.corpus.subjects

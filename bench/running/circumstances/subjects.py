@@ -49,7 +49,7 @@ class Subjects(Circumstance):
 
         corpus, protocol = plan.corpus, f"protocol={plan.cell.protocol}"
         for fold in plan.folds:
-            subjects = len(set(corpus.subjects[fold.train]))
+            subjects = len(own_subjects(corpus, fold.train))
             for count in self.train_subjects:
                 prefix = f"train_subjects={count}: "
                 if count >= subjects:
@@ -97,16 +97,21 @@ class Subjects(Circumstance):
 def captures_of_subjects(
     corpus: Corpus, train: np.ndarray, test: np.ndarray, count: int, seed: int
 ) -> np.ndarray:
-    """Positions of the training captures of ``count`` training subjects.
+    """Positions of the training captures of ``count`` training subjects, and of all of `also=`.
 
     The subjects have one random order per seed and test subjects, so that fewer are among more, and
     every system learns from the same ones.
     """
     import numpy as np
 
-    subjects = sorted(set(corpus.subjects[train]))
+    subjects = own_subjects(corpus, train)
     identity = repr((seed, sorted(set(corpus.subjects[test]))))
     digest = hashlib.sha256(identity.encode()).digest()
     rng = np.random.default_rng(int.from_bytes(digest[:16], "little"))
     chosen = [subjects[i] for i in rng.permutation(len(subjects))[:count]]
-    return train[np.isin(corpus.subjects[train], chosen)]
+    return train[np.isin(corpus.subjects[train], chosen) | corpus.is_added[train]]
+
+
+def own_subjects(corpus: Corpus, train: np.ndarray) -> list[str]:
+    """Training subjects without those of `also=`, sorted."""
+    return sorted(set(corpus.subjects[train][~corpus.is_added[train]]))
