@@ -155,11 +155,12 @@ def choose_settings(
         judged = rows[undamaged_rows(X)[rows]]
         Z, codes = X.iloc[judged].to_numpy(np.float64), captures[judged]
         first = np.unique(codes, return_index=True)[1]
-        for place, (number, shrinkage) in enumerate(settings):
-            model = Discriminants(shrinkage, number).fit_summary(others)
-            proba, _ = mean_by_code(model.predict_proba(Z), codes, np.ones(len(Z)))
-            is_correct = model.classes_[proba.argmax(axis=1)] == y[judged[first]]
-            accuracies[key, place] = is_correct.mean()
+        models = [Discriminants(each, number).fit_summary(others) for number, each in settings]
+        proba = np.concatenate([model.predict_proba(Z) for model in models], axis=1)
+        means, _ = mean_by_code(proba, codes, np.ones(len(Z)))
+        best = means.reshape(len(first), len(settings), -1).argmax(axis=2)
+        is_correct = others.classes[best] == y[judged[first]][:, None]
+        accuracies[key] = is_correct.mean(axis=0)
     number, shrinkage = settings[accuracies.mean(axis=0).round(9).argmax()]
     return shrinkage, number
 
