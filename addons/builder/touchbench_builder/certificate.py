@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 CERTIFICATE_VERSION = 2
 MAX_LOSS = 10.0  # points of accuracy: a system survives a fault that costs less
-FAULT_GROUPS = 3  # of people, left out in turn: losses are differences, so fewer fits will do
+FAULT_GROUPS = 4  # of people, left out in turn: losses are differences, so fewer fits will do
 FAULT_COLUMNS = ("touches_found", "false_alarms_per_hour")  # told of a stream under a fault
 
 
@@ -155,7 +155,8 @@ def _fault_losses(
         cases = runs_table([run_plan(*make_plan(values))], cases=True)
         cases = cases.rename(columns={"case": "fault", "level": "severity"})
     else:
-        groups = {"protocol": "groupkfold", "protocol.folds": FAULT_GROUPS}
+        folds = min(FAULT_GROUPS, len(choice.systems))
+        groups = {"protocol": "groupkfold", "protocol.folds": folds}
         cases = run_plan(*make_plan(values | groups, WATCH)).tables[FAULT_SCORES]
         is_clean = cases["severity"] == 0
         cases["loss"] = 100 * (float(cases["end_correct"][is_clean].iloc[0]) - cases["end_correct"])
