@@ -1,7 +1,6 @@
 """Stored feature tables: computed once for each key, and again if they are damaged."""
 
 import os
-from pathlib import Path
 
 import numpy as np
 import pytest
