@@ -39,8 +39,9 @@ def order_taxels(cell: Cell, count: int, values: Values) -> list[TaxelOrder]:
     orders = []
 
     def wire(changed: Sequence[int], where: str) -> Cell:
-        is_wired = np.isin(merged, changed) == is_adding
-        channels = tuple(str(i + 1) for i in np.flatnonzero(is_wired))
+        wired = 1 + np.flatnonzero(np.isin(merged, changed) == is_adding)
+        runs = np.split(wired, np.flatnonzero(np.diff(wired) > 1) + 1)
+        channels = tuple(f"{run[0]}-{run[-1]}" for run in runs)
         skin = Part("skins", "design", asdict(replace(design, taxels=channels)))
         return replace(cell, skin=skin, where=where)
 
