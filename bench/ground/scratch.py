@@ -63,7 +63,8 @@ def use_scratch_folder() -> Iterator[None]:
             folder.mkdir(parents=True, exist_ok=True)
             _remove_semaphores(remove_leftovers(folder, "*"), folder)
             corpora = data_folder() / "corpora"
-            for parent in (data_folder(), data_folder() / "features", corpora, *corpora.glob("*")):
+            kept = (data_folder() / name for name in ("", "features", "detectors"))
+            for parent in (*kept, corpora, *corpora.glob("*")):
                 remove_leftovers(parent)
             mine = stack.enter_context(hold_path(folder, ""))
             mine.mkdir()

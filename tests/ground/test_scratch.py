@@ -98,7 +98,8 @@ def test_a_link_that_was_left_goes_and_what_it_names_stays(tmp_path):
 
 def test_the_next_command_removes_what_killed_ones_were_writing():
     """In the scratch folder whatever its name, such as an earlier version's of another host."""
-    folders = ("tmp/other-host-12-", "features/.touchbench-", "corpora/synth/.touchbench-")
+    kept = ("features", "detectors", "corpora/synth")
+    folders = ("tmp/other-host-12-", *(f"{name}/.touchbench-" for name in kept))
     left = [data_folder() / f"{folder}1-abcdefgh" for folder in folders]
     for path in left:
         path.mkdir(parents=True)
