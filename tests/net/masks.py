@@ -19,7 +19,8 @@ MASKED = re.compile(  # headings of columns of times, memory, identity and versi
     "((predict|decision|decide|replay|reference|window_decision|(touch \\+ )?computing)"
     "(_wall)?[ _]ms|fit s)"
     "([ _].*)?|slowdown|quiet_ms|(.*_)?seconds|fit s"
-    "|decisions[ _]per[ _]s(econd)?|predict_relative|predict|processor|peak_rss_bytes|started|artifacts"
+    "|decisions[ _]per[ _]s(econd)?|predict_relative|predict"
+    "|processor|peak_rss_bytes|started|artifacts"
     "|touchbench[.]cell|run|run_id|git|cpu|simd|CPU, threads|threads|version[.].*"
     "|numpy|optuna|pandas|python|scikit-learn|scipy|torch|touchbench|xgboost(-cpu)?"
 )

@@ -287,4 +287,9 @@ def test_a_design_of_the_skin_is_watched_with_its_range_of_training_subjects():
     (run,) = [r for r in load_results(connect()) if r.kind == "watch"]
     assert run["skin.grid"] == "2x2" and "design[grid=2x2" in run["system"]
     assert (run["values_per_s"], run["bits_per_s"], run["wires"]) == (40, 200, 4)
-    assert {"touches_found", "first_correct", "false_alarms_per_hour", "latency_s_p50"} <= run.metrics.keys()
+    assert {
+        "touches_found",
+        "first_correct",
+        "false_alarms_per_hour",
+        "latency_s_p50",
+    } <= run.metrics.keys()
