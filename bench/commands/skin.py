@@ -75,7 +75,7 @@ def search_designs(values: Values) -> Designs:
     settings = typed_settings("skin", values)
     cost = all_costs()[settings["by"]]
     cells = _make_designs({k: v for k, v in values.items() if k not in settings})
-    people = [*dict.fromkeys(open_corpus(cells[0].data, cells[0].data_parameters).subjects)]
+    people = [*run_complete(cells[:1], values)[0].accuracy_by_subject]
     inner = np.full((len(cells), len(people), len(people)), np.nan)
     stays, amounts = np.ones((len(cells), len(people)), bool), np.full(len(cells), np.nan)
     for apart in range(1, min(MOST_APART, len(people) // 2) + 1):
@@ -86,7 +86,7 @@ def search_designs(values: Values) -> Designs:
         for i, result in zip(places, results, strict=True):
             accuracies = pair_accuracies(result, people)
             inner[i] = np.where(np.isnan(accuracies), inner[i], accuracies)
-        for person in range(len(people)) if len(places) > FEW else ():
+        for person in range(len(people)) if len(cells) > FEW else ():
             kept = np.flatnonzero(stays[:, person])
             mean = np.nanmean(inner[kept, person], axis=1)
             stays[kept, person] = best_half(mean, cost.as_burden(amounts[kept]))
@@ -191,13 +191,14 @@ def describe_choice(designs: Designs) -> list[str]:
     listed = "; ".join(f"{name} ({count}x)" for name, count in names.most_common())
     nested, as_recorded = designs.new_person()
     low, high = mean_interval(nested)
+    interval = "" if np.isnan(low) else f" [{low:.1f}, {high:.1f}]"
     mean = designs.amounts[designs.choices].mean()
     lines = [
         f"Chosen on all people: {chosen['design']}: {cost.format_amount(amount)} {cost.phrase} "
         f"instead of {cost.format_amount(recorded)}, {chosen['mean']:.1f} %, "
         f"{format_points(chosen['points'], chosen['error'])} points. These people chose it: this "
         "is optimistic.",
-        f"Chosen on others for each person: {nested.mean():.1f} % [{low:.1f}, {high:.1f}], "
+        f"Chosen on others for each person: {nested.mean():.1f} %{interval}, "
         f"{format_points(*mean_and_error(nested - as_recorded))} points, with "
         f"{cost.format_amount(mean)} {cost.phrase} on average: {listed}.",
     ]

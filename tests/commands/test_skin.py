@@ -8,15 +8,25 @@ from hypothesis import strategies as st
 
 from bench.commands.run import run_from_python
 from bench.commands.skin import command, search_designs, search_taxels
+from bench.corpora.folder import content_digest, write_folder
+from bench.corpora.synth import generate
 from bench.errors import InputError
 from bench.grammar.options import key_options, parse_arguments
+from bench.ground.scratch import data_folder
 from bench.protocols.subjects import LOSO
 from bench.reading.designs import best_half, changed_property, cheapest_design
 from bench.values.scores import label_captures
 from tests.conftest import predictions, random_corpus, runs
 
 SMALL = "data.subjects=4 data.variants=normal data.repetitions=2 model=lda features=jung28 jobs=1"
-LINE = f"{SMALL} skin.grid=4x4,1x1 skin.curve=log"
+LINE = "data=shuffled model=lda features=jung28 jobs=1 skin.grid=4x4,1x1 skin.curve=log"
+
+
+def store_corpus(name, corpus):
+    corpus = corpus.with_fields(name=name, info={"format": "table"})
+    digest, folder = content_digest(corpus), data_folder() / "corpora" / name
+    write_folder(corpus, folder / digest[:16], digest)
+    (folder / "current").write_text(digest[:16])
 
 
 def parse_skin(line):
@@ -69,12 +79,16 @@ def test_a_design_that_changes_one_property_is_named_after_it():
 
 
 def test_designs_for_a_person_are_chosen_on_stored_runs_that_never_saw_the_person(capsys, tmp_path):
-    values = parse_skin(f"{LINE} out={tmp_path / 'figures'}")
+    corpus = generate(subjects=5, variants=("normal",), repetitions=2, seed=1)
+    order = np.argsort([int(name) * 3 % 5 for name in corpus.subjects], kind="stable")
+    store_corpus("shuffled", corpus[order])  # people come as 5, 2, 4, 1, 3
+    values = parse_skin(f"{LINE} out={tmp_path / 'figures'}") | {"where": "subject != '5'"}
     assert command(values) == 0
     printed = capsys.readouterr().out
     client, stored = runs("cell")
     assert len(stored) == 3 * 3  # pairs at two distances, and LOSO, of three designs
     assert "Chosen on others for each person" in printed and "grid=4x4" in printed
+    assert "nan" not in printed  # four people have no interval
     for name in ("front", "properties"):
         assert (tmp_path / "figures" / f"{name}.svg").read_text().startswith("<?xml")
     designs = search_designs(values)
@@ -93,6 +107,7 @@ def test_designs_for_a_person_are_chosen_on_stored_runs_that_never_saw_the_perso
                 share = 100 * fold["right"][fold["subject"] == tested].mean()
                 shares[run.data.params.get("skin.grid", ""), str(left_out), str(tested)] = share
     assert len(shares) == 3 * 4 * 3
+    assert len({*designs.choices.tolist()}) > 1
     for person, choice in zip(people, designs.choices, strict=True):
         others = [name for name in people if name != person]
         accuracy = [[shares[grid, person, other] for other in others] for grid in grids]
