@@ -21,7 +21,7 @@ from bench.features.cache import cache_key
 from bench.models.classic.row_summaries import RowSummary, SummaryTree
 from bench.models.search.inner_folds import make_inner_folds, tested_subjects
 
-MAX_BYTES = 1 << 28  # of the summaries that a process keeps
+MAX_BYTES = 1 << 29  # of the summaries that a process keeps
 BYTES_PER_PERSON = 16  # for each pair of features: a matrix of the person, and one of a half
 # Summaries of persons and the (wall, CPU) seconds they took, by system and corpus; only the last
 # pair is kept.
