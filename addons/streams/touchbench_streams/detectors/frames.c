@@ -183,7 +183,7 @@ static int deciding(touch_watch_t *w, const float *found)
     gauges[1] = w->calm[1][0];
     for (int k = 1; k < CALM; k++)
         gauges[1] = fminf(gauges[1], w->calm[1][k]);
-    w->noise = fmaxf(gauges[1], SLIGHT);
+    w->noise = fmaxf(gauges[1], LEAST_NOISE);
     w->is_refused = gauges[0] > look_most[0] || gauges[1] > look_most[1];
 #if MODELS > 1
     static const int gauge_of[] = GAUGE_OF;

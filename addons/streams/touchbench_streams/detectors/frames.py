@@ -359,7 +359,7 @@ class Frames(Detector):
             "LEVELS": LEVELS,
             "CHANGES": CHANGES,
             "SLOW": SLOW,
-            "SLIGHT": self.slight_,
+            "LEAST_NOISE": self.slight_,
             "LOOKS": len(self.mean_),
             "KINDS": classes,
             "MODELS": len(models),
