@@ -299,8 +299,8 @@ TUNE = Command(
 SKIN_DESIGNS = Command(
     COMPARE,
     "search the smallest skin that a system needs: taxels, rate and bits",
-    "Trains one system on each design of the skin. Prints the Pareto front of accuracy and the cost "
-    "by=, the cheapest design within one standard error of the recorded skin, and what each "
+    "Trains one system on each design of the skin. Prints the Pareto front of accuracy and the "
+    "cost by=, the cheapest design within one standard error of the recorded skin, and what each "
     "property alone costs. It also chooses a design for each person on other people, and prints "
     "the accuracy on the person left out. skin.grid=, skin.rate_hz=, skin.bits= and the other keys "
     "of skin= list designs; without them, it tries 26 of usual grids, rates and bits. Of more than "
