@@ -290,6 +290,7 @@ def _watch_defines(
     }
     for _, group in watch.constants:
         for name, value in group.items():
+            assert name not in defines, f"two constants of the watch are called {name}"
             defines[name] = format_float(value) if isinstance(value, float) else value
     return defines
 
