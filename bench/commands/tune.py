@@ -90,9 +90,15 @@ def _make_searchable_cells(values: Values) -> list[Cell]:
                 f"model={name}: an object has fixed parameters; give the name of its class or "
                 "factory"
             )
-        if contract.searches_itself(cell.untrained_system):
-            raise InputError(f"model={name} searches by itself; use bench run model={name}")
+        _refuse_self_searching(cell)
     return cells
+
+
+def _refuse_self_searching(cell: Cell, key: str = "") -> None:
+    """Refuse a system that tunes itself, with a key that makes it do so."""
+    if contract.searches_itself(cell.untrained_system):
+        words = f"model={cell.model.short_name}{key}"
+        raise InputError(f"{words} searches by itself; use bench run {words}")
 
 
 def _parse_list(model: Part, name: str, listed: object, default: object) -> list[object]:
@@ -118,6 +124,10 @@ def _search_of_best(
     space: Space = {
         k: _parse_list(cell.model, k, v, defaults[k]) for k, v in listed.items() if k in defaults
     }
+    for name, values in space.items():
+        if True in values and isinstance(defaults[name], bool):
+            model = replace(cell.model, parameters=cell.model.parameters | {name: True})
+            _refuse_self_searching(replace(cell, model=model), f" model.{name}=yes")
     if all(len(values) == 1 for values in space.values()):  # single values are fixed
         declared = contract.search_space(cell.model.factory)
         if declared is None:

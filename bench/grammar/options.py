@@ -242,7 +242,10 @@ def values_from_keywords(values: Mapping[str, object], keys: Collection[str]) ->
 
 def _check_key(key: str, keys: Collection[str]) -> None:
     head, dot, _ = key.partition(".")
-    if head not in keys or (dot and head != "data" and head not in part_groups()):
+    parts: Collection[str] = part_groups()
+    if isinstance(keys, Mapping):  # of a command, which may mean something else by a key
+        parts = [name for name, option in keys.items() if option.part_group]
+    if head not in keys or (dot and head != "data" and head not in parts):
         raise InputError(f"no key is called {key!r}; {suggest_names(key, keys)}")
 
 

@@ -164,3 +164,8 @@ def test_taxels_are_added_or_removed_by_the_accuracy_on_a_half_of_the_people(
 def test_what_cannot_be_searched_is_refused_in_a_line(line, words):
     with pytest.raises(InputError, match=words):
         command(parse_skin(line))
+
+
+def test_a_command_whose_skin_is_no_design_takes_no_parameter_of_one():
+    with pytest.raises(InputError, match="no key is called 'skin.grid'"):
+        parse_arguments(["skin.grid=4x4"], key_options("predict"))

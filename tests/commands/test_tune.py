@@ -58,6 +58,8 @@ def test_a_search_is_made_again_by_its_arguments():
         ("model=cnn85 smallest=frames model.hop=20", "model.hop=20:"),
         ("model=rf smallest=seed", "smallest=seed"),
         ("model=cnn85 smallest=features", "cnn85"),
+        ("model=lda features=jung28 model.tune=yes,no", "lda model.tune=yes searches by itself"),
+        ("model=lda features=jung28 model.tune=yes smallest=shrinkage", "lda searches by itself"),
     ],
 )
 def test_an_impossible_search_is_refused(line, part):
