@@ -242,11 +242,15 @@ def values_from_keywords(values: Mapping[str, object], keys: Collection[str]) ->
 
 def _check_key(key: str, keys: Collection[str]) -> None:
     head, dot, _ = key.partition(".")
-    parts: Collection[str] = part_groups()
-    if isinstance(keys, Mapping):  # of a command, which may mean something else by a key
-        parts = [name for name, option in keys.items() if option.part_group]
-    if head not in keys or (dot and head != "data" and head not in parts):
+    if head not in keys or (dot and not _has_parameters(head, keys)):
         raise InputError(f"no key is called {key!r}; {suggest_names(key, keys)}")
+
+
+def _has_parameters(key: str, keys: Collection[str]) -> bool:
+    """True for a key with parameters behind a dot; options of a command tell what it means here."""
+    if isinstance(keys, Mapping) and key in keys:
+        return key == "data" or bool(keys[key].part_group)
+    return key == "data" or key in part_groups()
 
 
 def typed_settings(command: str, values: Values, options: Iterable[Option] = ()) -> dict[str, Any]:
