@@ -22,6 +22,7 @@ from bench.grammar.options import typed_settings
 from bench.ground.typed import Values, format_command
 from bench.plan.cells import Cell, Part
 from bench.plan.grid import make_cells
+from bench.plan.plan import load_captures
 from bench.reading.choice import format_points
 from bench.reading.designs import (
     HOW,
@@ -49,6 +50,8 @@ def command(values: Values) -> int:
     settings = typed_settings("skin", values)
     out = Path(settings["out"])
     if settings["wired"]:
+        if "by" in values:
+            raise InputError("by= and wired= exclude each other; leave one of them out")
         orders = search_taxels(values)
         with refuse_unwritable(out):
             path = draw_orders(orders, out)
@@ -75,7 +78,11 @@ def search_designs(values: Values) -> Designs:
     settings = typed_settings("skin", values)
     cost = all_costs()[settings["by"]]
     cells = _make_designs({k: v for k, v in values.items() if k not in settings})
-    people = [*run_complete(cells[:1], values)[0].accuracy_by_subject]
+    recorded = cells[0]
+    captures = load_captures(
+        recorded.data, recorded.data_parameters, recorded.where, recorded.target
+    )
+    people = [*dict.fromkeys(captures.subjects)]
     inner = np.full((len(cells), len(people), len(people)), np.nan)
     stays, amounts = np.ones((len(cells), len(people)), bool), np.full(len(cells), np.nan)
     for apart in range(1, min(MOST_APART, len(people) // 2) + 1):
@@ -100,7 +107,9 @@ def search_designs(values: Values) -> Designs:
     places = np.flatnonzero(stays.any(axis=1) | np.array(alone))
     results = run_complete([cells[i] for i in places], values)
     shown = [options[i] for i in places]
-    return Designs(shown, results, cost, amounts[places], np.searchsorted(places, choices))
+    order = [people.index(name) for name in results[0].accuracy_by_subject]
+    choices_in_order = np.searchsorted(places, choices)[order]
+    return Designs(shown, results, cost, amounts[places], choices_in_order)
 
 
 def search_taxels(values: Values) -> list[TaxelOrder]:

@@ -8,11 +8,11 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from bench.commands.run import run_complete
-from bench.corpora.library import open_corpus
 from bench.corpora.skin import Design
-from bench.errors import check_value
+from bench.errors import InputError, check_value
 from bench.ground.typed import Values
 from bench.plan.cells import Cell, Part
+from bench.plan.plan import load_captures
 from bench.reading.designs import TaxelOrder
 
 
@@ -27,9 +27,11 @@ def order_taxels(cell: Cell, count: int, values: Values) -> list[TaxelOrder]:
         count: number of taxels to be wired.
         values: typed values, which name the workers.
     """
-    corpus = open_corpus(cell.data, cell.data_parameters)
-    people = [*dict.fromkeys(corpus.subjects)]
-    design = cell.design or Design()
+    corpus = load_captures(cell.data, cell.data_parameters, cell.where, cell.target)
+    people, design = [*dict.fromkeys(corpus.subjects)], cell.design or Design()
+    if design.taxels:
+        names = "+".join(design.taxels)
+        raise InputError(f"skin.taxels={names}: wired= chooses the taxels; leave one of them out")
     shape = tuple(map(int, design.grid.split("x"))) if design.grid else corpus.grid
     rows, cols = (np.arange(n) * k // n for n, k in zip(corpus.grid, shape, strict=True))
     number = shape[0] * shape[1]
