@@ -64,7 +64,8 @@ def command(values: Values) -> int:
     table_of_properties(designs).print(results_console())
     print_lines(*describe_choice(designs), *map(str, paths))
     best = designs.results[designs.chosen]
-    context = {"data": str(best["data"]), "protocol": "loso", "by": designs.cost.key}
+    context = {"data": best["data"], "where": best["where"], "protocol": "loso"}
+    context |= {"by": designs.cost.key}
     print_next_commands(format_command("choose", context))
     return 0
 
