@@ -17,7 +17,7 @@ from bench.commands.printing import (
 from bench.commands.run import run_complete
 from bench.commands.skin_taxels import order_taxels
 from bench.corpora.library import open_corpus
-from bench.errors import InputError
+from bench.errors import InputError, check_value
 from bench.grammar.options import typed_settings
 from bench.ground.typed import Values, format_command
 from bench.plan.cells import Cell, Part
@@ -35,7 +35,7 @@ from bench.reading.designs import (
     pair_accuracies,
 )
 from bench.values.intervals import mean_and_error, mean_interval
-from bench.values.measures import Cost, Measure, all_costs, text_measure
+from bench.values.measures import OF_SYSTEMS, Cost, Measure, all_costs, text_measure
 from bench.values.table import Table
 
 GRIDS, PERIODS, BITS = ((4, 4), (2, 2)), (2, 3), (6, 4)  # tried if no design is typed
@@ -77,7 +77,8 @@ def search_designs(values: Values) -> Designs:
     stays. Which ones stay for a person depends on others alone.
     """
     settings = typed_settings("skin", values)
-    cost = all_costs()[settings["by"]]
+    cost, known = all_costs()[settings["by"]], [each.key for each in OF_SYSTEMS]
+    check_value("by", cost.key, cost.key in known, f"a cost of every run: {', '.join(known)}")
     cells = _make_designs({k: v for k, v in values.items() if k not in settings})
     recorded = cells[0]
     captures = load_captures(

@@ -157,6 +157,7 @@ def test_taxels_are_added_or_removed_by_the_accuracy_on_a_half_of_the_people(
         (f"{SMALL} skin.grid=2x2 wired=4", "wired=4: give 1 to 3"),
         (f"{SMALL} skin.taxels=1-8 wired=4", "skin.taxels=1-8: wired= chooses the taxels"),
         (f"{SMALL} by=wires wired=4", "by= and wired= exclude each other"),
+        (f"{SMALL} by=worst_person", "by=worst_person: give a cost of every run"),
         ("protocol=kfold", "protocol=kfold: bench skin sets it"),
         ("model=lda,svm features=jung28", "one system"),
         ("data.subjects=2 model=lda features=jung28", "three are needed"),
