@@ -300,13 +300,13 @@ SKIN_DESIGNS = Command(
     COMPARE,
     "search the smallest skin that a system needs: taxels, rate and bits",
     "Trains one system on each design of the skin. Prints the Pareto front of accuracy and the "
-    "cost by=, the cheapest design within one standard error of the recorded skin, and what each "
-    "property alone costs. It also chooses a design for each person on other people, and prints "
-    "the accuracy on the person left out. skin.grid=, skin.rate_hz=, skin.bits= and the other keys "
-    "of skin= list designs; without them, it tries 26 of usual grids, rates and bits. Of more than "
-    "8 designs, the better half stays in each of three rounds, which test on further pairs of "
-    "people. Every evaluation is a stored run, so an interrupted search continues where it "
-    "stopped.",
+    "cost by=. Prints the cheapest design within one standard error of the recorded skin, and what "
+    "each property alone costs. It also chooses a design for each person on other people, and "
+    "prints the accuracy on the person left out. skin.grid=, skin.rate_hz=, skin.bits= and the "
+    "other keys of skin= list designs; without them, it tries 26 of usual grids, rates and bits. "
+    "Of more than 8 designs, the better half stays in each of three rounds, which test on further "
+    "pairs of people. Every evaluation is a stored run, so an interrupted search continues where "
+    "it stopped.",
     "bench skin data=haart model=lda features=touch model.window=1\n"
     "bench skin data=haart model=lda features=touch skin.grid=8x8,4x4,2x2 skin.bits=0,6 "
     "skin.curve=log by=wires",

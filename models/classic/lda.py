@@ -186,7 +186,7 @@ def lda(
         damaged: weight of a damaged copy of a capture (model.faults=). Default: each copy counts as
             its capture.
         tune: yes: choose shrinkage and windows by leaving out each training subject in turn, from
-            ten combinations.
+            ten combinations. Default: ours, the values above.
 
     Raises:
         InputError: a parameter is out of its range.
