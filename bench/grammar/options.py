@@ -247,9 +247,9 @@ def _check_key(key: str, keys: Collection[str]) -> None:
 
 
 def _has_parameters(key: str, keys: Collection[str]) -> bool:
-    """True for a key with parameters behind a dot; options of a command tell what it means here."""
-    if isinstance(keys, Mapping) and key in keys:
-        return key == "data" or bool(keys[key].part_group)
+    """True for a key with parameters behind a dot; an option whose values are listed has none."""
+    if isinstance(keys, Mapping) and key in keys and keys[key].values:
+        return False
     return key == "data" or key in part_groups()
 
 

@@ -116,7 +116,7 @@ def test_a_person_with_a_single_capture_is_tested_by_the_general_system(tmp_path
 
 def test_the_same_capture_on_both_sides_is_a_warning_and_a_circumstance_is_refused(monkeypatch):
     corpus = copied(random_corpus(longest=20), [(0, 1), (2, 1)])
-    monkeypatch.setattr("bench.plan.plan.open_corpus", lambda name, parameters: corpus)
+    monkeypatch.setattr("bench.plan.plan.open_corpus", lambda *_: corpus)
     cell = personal_cell(**{"data": "mine", "protocol.shots": "1"}, **SYSTEMS["adapts"])
     (plan,) = make_plans([cell], 1)
     assert {tested for tested, _ in plan.repeated_captures} == {0, 1, 2} and not plan.mixes_subjects
