@@ -30,13 +30,11 @@ PANEL = 2.6  # inches of a small multiple
 
 def draw_designs(designs: Designs, folder: Path) -> list[Path]:
     """Draw both figures into a folder; return their paths."""
-    folder.mkdir(parents=True, exist_ok=True)
     return [_draw_front(designs, folder), _draw_properties(designs, folder)]
 
 
 def draw_orders(orders: Sequence[TaxelOrder], folder: Path) -> Path:
     """Draw maps of the skin with the order of its taxels, and the accuracy on the other people."""
-    folder.mkdir(parents=True, exist_ok=True)
     margins = (0.7, 0.15, 0.65, 0.75)
     figure, axes = new_figure((9.2, 3.7), (1, len(orders) + 1), margins, (0.65, 0.0))
     for i, (ax, each) in enumerate(zip(axes[0], orders, strict=False)):

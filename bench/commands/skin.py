@@ -49,6 +49,8 @@ def command(values: Values) -> int:
 
     settings = typed_settings("skin", values)
     out = Path(settings["out"])
+    with refuse_unwritable(out):
+        out.mkdir(parents=True, exist_ok=True)
     if settings["wired"]:
         if "by" in values:
             raise InputError("by= and wired= exclude each other; leave one of them out")

@@ -169,6 +169,13 @@ def test_what_cannot_be_searched_is_refused_in_a_line(line, words):
         command(parse_skin(line))
 
 
+def test_a_folder_that_cannot_be_written_is_refused_before_the_search(tmp_path, monkeypatch):
+    monkeypatch.setattr("bench.commands.skin.search_designs", lambda _: pytest.fail("searched"))
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match="out=.*cannot be written"):
+        command(parse_skin(f"{SMALL} out={tmp_path / 'file'}"))
+
+
 def test_a_command_whose_skin_is_no_design_takes_no_parameter_of_one():
     with pytest.raises(InputError, match="no key is called 'skin.grid'"):
         parse_arguments(["skin.grid=4x4"], key_options("predict"))
