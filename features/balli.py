@@ -13,7 +13,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from bench.corpora.corpus import Corpus
 from bench.errors import InputError
-from bench.features.base import RELATIVE_ROUNDING, FeatureSet
+from bench.features.base import FeatureSet
 from bench.features.selection import select_columns
 from bench.features.signals import Touch, feature_table, row_sums
 
@@ -28,6 +28,7 @@ STATISTICS = (
     *("ar1", "ar2", "ar3", "ar4"),
 )
 NAMES = pd.Index([f"{signal}_{statistic}" for signal, statistic in product(SIGNALS, STATISTICS)])
+STILL_SHARE = 1e-9  # of the largest magnitude: a signal that varies by less is constant
 ORDER = 4
 SHORTEST_CHUNK = 8  # frames
 AR_RIDGE = 1e-9  # share of the variance
@@ -245,7 +246,7 @@ def signal_statistics(touch: Touch, signal: np.ndarray) -> list[np.ndarray]:
     """The 13 statistics in the order of `STATISTICS` of signals [frames, n], each [captures, n]."""
     mean = touch.mean(signal)
     low, high = np.minimum.reduceat(signal, touch.starts), np.maximum.reduceat(signal, touch.starts)
-    still = RELATIVE_ROUNDING * np.maximum(np.abs(low), np.abs(high))
+    still = STILL_SHARE * np.maximum(np.abs(low), np.abs(high))
     centred = signal - mean[touch.capture_of_frame]
     variance = touch.mean(centred**2)
     is_flat = np.sqrt(variance) <= still

@@ -193,9 +193,8 @@ def test_windows_of_a_capture_against_a_covariance_taken_apart(seed, windows, sh
 @pytest.mark.parametrize("shrinkage", [0.0, 0.2])
 def test_constant_features_have_no_weight(shrinkage):
     X, y = points(d=3)
-    still = np.column_stack(
-        [X, np.full(len(X), 7.0), np.full(len(X), 1e9) + np.arange(len(X)) % 2 * 1e-2, X * 0]
-    )
+    rounded = 1e9 + np.arange(len(X)) % 2 * 64  # a step of single precision
+    still = np.column_stack([X, np.full(len(X), 7.0), rounded, X / X.std(axis=0) * 1e-14])
     model = Discriminants(shrinkage).fit(still, y)
     assert (model.coef_[:, 3:] == 0).all() and (model.coef_[:, :3] != 0).all()
     moved = still.copy()

@@ -96,6 +96,7 @@ static void signals_of(const float *p, const float *q, float *x)
     float spread = sqrtf(fmaxf(high + wide, 0)), net = total - before;
     float long_side = sqrtf((high - wide) * (high - wide) + 4 * askew * askew);
     float down = row - row_before, right = col - col_before, v, u, explained;
+    float travel = sqrtf(down * down + right * right);
     flow(p, q, &v, &u, &explained);
     float lengths = sqrtf(square) * sqrtf(square_before);
     x[0] = logf(total / TAXELS + EPS);
@@ -111,7 +112,7 @@ static void signals_of(const float *p, const float *q, float *x)
     x[10] = within(spread > 1e-3f ? ratio(long_side, high + wide) : 0, 0, 1);
     x[11] = above / TAXELS;
     x[12] = ratio(total * total, square) / TAXELS;
-    x[13] = logf(sqrtf(down * down + right * right) + 1e-3f);
+    x[13] = logf((travel > 1e-6f ? travel : 0) + 1e-3f); /* sums in single precision move the centre by less */
     x[14] = logf(sqrtf(v * v + u * u) + 1e-2f);
     x[15] = explained;
     x[16] = v;
