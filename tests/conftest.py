@@ -1,5 +1,6 @@
 """What tests share: own folders, one prepared store, folds without processes, small corpora."""
 
+import importlib
 import os
 import shutil
 import subprocess
@@ -153,6 +154,7 @@ def never_busy(patch):
 
 def shorten_measurements(patch):
     """Time 3 captures once instead of 5 twice, beside less work, and predict 2 alone, not 8."""
+    importlib.import_module("bench.running.estimates")  # which keeps the workload as it is
     for name in ("running.fold", "running.replay"):
         patch.setattr(f"bench.{name}.TIMED_CAPTURES", 3)
     patch.setattr("bench.ground.timing.AROUND", 1)
