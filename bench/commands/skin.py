@@ -16,6 +16,7 @@ from bench.commands.printing import (
 )
 from bench.commands.run import run_complete
 from bench.commands.skin_taxels import order_taxels
+from bench.corpora.corpus import Corpus
 from bench.corpora.library import open_corpus
 from bench.errors import InputError, check_value
 from bench.grammar.options import typed_settings
@@ -106,7 +107,7 @@ def search_designs(values: Values) -> Designs:
         tested = inner[candidates, person]
         tested = tested[:, np.isfinite(tested[0])]
         choices.append(candidates[cheapest_design(tested, cost.as_burden(amounts[candidates]))])
-    options = [_changed_options(cell) for cell in cells]
+    options = [_changed_options(cell, captures) for cell in cells]
     alone = [bool(changed_property(each)) for each in options]
     places = np.flatnonzero(stays.any(axis=1) | np.array(alone))
     results = run_complete([cells[i] for i in places], values)
@@ -144,10 +145,9 @@ def _make_designs(values: Values) -> list[Cell]:
     return [recorded, *(cell for cell in designs if cell.skin)]
 
 
-def _changed_options(cell: Cell) -> dict[str, object]:
-    """Options of a design that differ from the recorded skin."""
-    corpus = open_corpus(cell.data, cell.data_parameters)
-    recorded = {"grid": "x".join(map(str, corpus.grid)), "rate_hz": corpus.rate_hz}
+def _changed_options(cell: Cell, captures: Corpus) -> dict[str, object]:
+    """Options of a design that differ from the skin that recorded the captures."""
+    recorded = {"grid": "x".join(map(str, captures.grid)), "rate_hz": captures.rate_hz}
     options = cell.skin.changed_parameters() if cell.skin else {}
     return {name: value for name, value in options.items() if value != recorded.get(name)}
 

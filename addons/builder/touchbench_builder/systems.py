@@ -327,8 +327,8 @@ def _harden(
     comparison.progress.print_line(f"{result.system}, {verdict}")
     row = {"system": result.system, "verdict": verdict}
     row["accuracy"] = 100 * float((count_right(result).eval("right / total")).mean())
-    row |= {cost: costs[key] / 1000 for cost, key in CHIP_COST_OF.items() if costs}
-    row.pop("cycles", None)
+    if costs:
+        row |= {cost: costs[CHIP_COST_OF[cost]] / 1000 for cost in ("flash", "ram")}
     return [row], result.system if is_hard else name, deciding
 
 
