@@ -28,7 +28,7 @@ def reading_statistics(corpus: Corpus) -> np.ndarray:
     for i, capture in enumerate(corpus):
         frames = capture.astype(np.float64) / corpus.full_scale
         mean, least = frames.mean(), frames.mean(axis=(1, 2)).min()
-        across, down = mean_gap(frames, 2), mean_gap(frames, 1)
+        across, down = (float(mean_gaps(frames, axis).mean()) for axis in (2, 1))
         zeros = (frames == 0).mean()
         rows[i] = combine_statistics(mean, frames.max(), least, across, down, zeros)
     return rows
@@ -43,9 +43,10 @@ def combine_statistics(
     return np.log([mean, largest, least, *gaps, zeros] + LEAST)
 
 
-def mean_gap(frames: np.ndarray, axis: int) -> float:
-    """Mean difference of neighbours along an axis; 0 if it has one taxel."""
-    return float(np.abs(np.diff(frames, axis=axis)).mean()) if frames.shape[axis] > 1 else 0.0
+def mean_gaps(frames: np.ndarray, axis: int) -> np.ndarray:
+    """Mean difference of neighbours along an axis in each frame; 0 if it has one taxel."""
+    gaps = np.abs(np.diff(frames, axis=axis))
+    return gaps.sum(axis=(1, 2)) / max(gaps[0].size, 1)
 
 
 def usual_range(corpus: Corpus) -> np.ndarray:

@@ -315,9 +315,7 @@ def test_a_sensor_that_is_noisier_than_in_training_is_refused_frame_by_frame_and
     noisy = Corpus.from_captures(
         noisy, corpus.captures, corpus.rate_hz, full_scale=corpus.full_scale
     )
-    calm, expected = (
-        watcher.count_refused(one, watcher.collect_evidence(one)) for one in (corpus, noisy)
-    )
+    calm, expected = (watcher.count_refused(watcher.sense(one)) for one in (corpus, noisy))
     assert calm.sum() < 0.1 * len(corpus.frames) and expected.sum() > 0.6 * len(corpus.frames)
     watched, counts = WatcherInC(recogniser, tmp_path), (ctypes.c_uint32 * 12)()
     for i in range(len(noisy)):

@@ -98,7 +98,7 @@ def test_a_later_frame_changes_no_report_and_no_first_label(watcher, recordings)
         )
         same = ["recording", "reported", "first"]
         pd.testing.assert_frame_equal(cut[same], reports.loc[:row, same])
-    (evidence,), fitted = watcher.collect_evidence(whole), watcher.detector
+    (evidence,), fitted = watcher.sense(whole).evidence, watcher.detector
     signals = fitted.signals()
     each = np.stack([signals.step(tick) for tick in average_blocks(whole[0], watcher.count)])
     for tick in (0, 5, 100, len(each) - 1):  # from the last ticks alone: memory does not grow
@@ -151,19 +151,15 @@ def test_a_touch_begins_above_the_level_and_a_new_one_after_a_dip():
     ),
     times=st.tuples(*[st.integers(1, 5)] * 3),
 )
-def test_many_levels_at_once_report_what_each_does_alone(steps, times):
-    frames = Frames()
-    frames.times_ = TouchTimes(*times)
+def test_many_recordings_and_levels_at_once_have_the_signs_of_each_alone(steps, times):
+    detectors = [Frames(), Frames()]  # each with other times
+    detectors[0].times_, detectors[1].times_ = TouchTimes(*times), TouchTimes(2, 1, 9)
     evidence = np.array(steps).cumsum(axis=0) * [1, 0] + np.array(steps) * [0, 1]
     evidence = np.hstack([evidence, np.tile([0, times[0]], (len(steps), 1))])
-    for detector, levels in (
-        (frames, np.array([-3.0, 0.0, 1.5, 4.0])),
-        (Threshold(), np.array([0.5, 1.0, 2.0, 4.0])),
-    ):
-        found, expected = (
-            of.find_reports(detector, evidence, levels) for of in (type(detector), Detector)
-        )
-        assert [each.tolist() for each in found] == [each.tolist() for each in expected]
+    evidence, levels = [evidence, evidence[5:]], np.array([-3.0, 0.0, 1.5, 4.0])
+    found, expected = (of.find_signs(detectors, evidence, levels) for of in (Frames, Detector))
+    for of_found, of_expected in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(of_found, of_expected)
 
 
 @given(

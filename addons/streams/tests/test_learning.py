@@ -46,8 +46,8 @@ def test_a_shared_detector_equals_one_that_is_learned_alone(train, learned):
     steps = [*steps_of_detector(other.system)], other.system.prediction_steps()
     alone = learning.learn_detector(Frames(), train, *steps, 60.0)
     np.testing.assert_array_equal(
-        replace(other, detector=alone.detector).collect_evidence(train.corpus)[1],
-        other.collect_evidence(train.corpus)[1],
+        replace(other, detector=alone.detector).sense(train.corpus).evidence[1],
+        other.sense(train.corpus).evidence[1],
     )
     assert other.level == alone.level and sweep.equals(alone.sweep) and same_sweep.equals(sweep)
     for name in ("places", "weights", "bias"):

@@ -21,9 +21,6 @@ from addons.streams.tests.test_c import (
 from bench.corpora.corpus import Corpus
 from touchbench_streams.detectors import status
 from touchbench_streams.detectors.base import UNKNOWN
-from touchbench_streams.detectors.detector import run_rules
-from touchbench_streams.detectors.names import longest_part
-from touchbench_streams.detectors.spans import find_spans
 from touchbench_streams.detectors.status import REASONS, learn_limits
 from touchbench_streams.detectors.ticks import TickStream
 
@@ -39,15 +36,12 @@ def recogniser():
         patch.setattr(status, "TOUCHES", 3)
         patch.setattr(status, "CALM_TICKS", 40)
         watcher = found.watcher
-        signs = [
-            run_rules(watcher.detector.rules(watcher.level), one)
-            for one in watcher.collect_evidence(streams.corpus)
+        sensed = watcher.sense(streams.corpus)
+        paces = [
+            watcher.pace.of_touches(sensed.stepped[[i]], one)
+            for i, one in enumerate(sensed.touches)
         ]
-        longest = longest_part(streams.corpus.rate_hz, watcher.count)
-        touches = [find_spans(one, watcher.count, longest) for one in signs]
-        stepped = watcher.apply_frame_steps(streams.corpus)
-        paces = [watcher.pace.of_touches(stepped[[i]], one) for i, one in enumerate(touches)]
-        limits = learn_limits(streams.corpus, signs, watcher.count, paces, streams.subjects)
+        limits = learn_limits(streams.corpus, sensed.signs, watcher.count, paces, streams.subjects)
         found.watcher = replace(watcher, limits=limits)
         yield found
 
@@ -111,7 +105,7 @@ def test_each_fault_has_its_reason_in_c_as_in_python(fault, recogniser, in_c):
         [frames], streams.captures.iloc[:1], streams.rate_hz, full_scale=scale
     )
     watcher = recogniser.watcher
-    (expected,) = watcher.find_status(corpus, watcher.collect_evidence(corpus))
+    (expected,) = watcher.find_status(watcher.sense(corpus))
     found, counts = status_in_c(in_c, frames)
     assert (found != expected).mean() < 0.02
     every = np.bitwise_or.reduce(expected)
@@ -127,7 +121,7 @@ def test_frames_one_by_one_have_the_status_of_a_recording(recogniser):
         [frames], streams.captures.iloc[:1], streams.rate_hz, full_scale=recogniser.full_scale
     )
     watcher = recogniser.watcher
-    (expected,) = watcher.find_status(corpus, watcher.collect_evidence(corpus))
+    (expected,) = watcher.find_status(watcher.sense(corpus))
     stream = TickStream(watcher, (8, 8), streams.rate_hz, recogniser.full_scale)
     found = []
     for frame in frames:
@@ -213,18 +207,14 @@ def test_lost_frames_change_the_pace_of_touches_in_c_as_in_python(recogniser, tm
         frames = [streams[i][::step].astype(np.float32) for i in range(3)]
         fields = {"full_scale": streams.full_scale}
         corpus = Corpus.from_captures(frames, streams.captures, streams.rate_hz, **fields)
-        stepped, found = watcher.apply_frame_steps(corpus), []
-        for i, evidence in enumerate(watcher.collect_evidence(corpus)):
-            signs = run_rules(watcher.detector.rules(watcher.level), evidence)
-            touches = find_spans(signs, watcher.count, longest_part(54.0, watcher.count))
-            found.append(watcher.pace.of_touches(stepped[[i]], touches).mean())
+        sensed, found = watcher.sense(corpus), []
+        for i, touches in enumerate(sensed.touches):
+            found.append(watcher.pace.of_touches(sensed.stepped[[i]], touches).mean())
         paces.append(np.mean(found))
     assert paces[1] - paces[0] > 0.2
     high[status.FIRST_TOUCHED + status.PACE] = np.mean(paces)
     strict = copy(recogniser)
     strict.watcher = replace(watcher, limits=replace(watcher.limits, high=high))
-    (expected,) = strict.watcher.find_status(
-        corpus[[0]], strict.watcher.collect_evidence(corpus[[0]])
-    )
+    (expected,) = strict.watcher.find_status(strict.watcher.sense(corpus[[0]]))
     found, _ = status_in_c(WatcherInC(strict, tmp_path), corpus[0])
     assert (found != expected).mean() < 0.02 and expected[-1] & bits("rate")

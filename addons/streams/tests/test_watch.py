@@ -230,9 +230,9 @@ def test_refused_frames_are_counted_as_a_stream_tells_them(recordings):
     for frame in corpus[0]:
         stream.push(frame.astype(np.float32))
         status.append(stream.status)
-    evidence = watcher.collect_evidence(corpus)
-    assert watcher.find_status(corpus, evidence)[0].tolist() == status
-    assert watcher.count_refused(corpus, evidence).tolist() == [np.count_nonzero(status)]
+    sensed = watcher.sense(corpus)
+    assert watcher.find_status(sensed)[0].tolist() == status
+    assert watcher.count_refused(sensed).tolist() == [np.count_nonzero(status)]
     saturated, noise = (np.count_nonzero(np.array(status) & bit) for bit in (SATURATED, NOISE))
     assert saturated >= 60 and noise > 50
 
@@ -258,10 +258,10 @@ def test_reports_of_frames_that_a_fault_moves_have_the_times_of_before(name, rec
     """A system that reports each new reading at once reports it when it came."""
     two, fault = recordings[:2], FAULTS[name]
     shares = as_shares(two.corpus, np.arange(2))
-    seen, fake = [], SimpleNamespace(count_refused=lambda corpus, _: np.array([0, len(corpus[1])]))
-    fake.collect_evidence = lambda corpus: seen.append(corpus) or []
+    seen, fake = [], SimpleNamespace(count_refused=lambda corpus: np.array([0, len(corpus[1])]))
+    fake.sense = lambda corpus: seen.append(corpus) or corpus
     times = lambda corpus: np.array([len(corpus[0]), len(corpus[1]), 2])  # noqa: E731
-    fake.report_touches = lambda corpus, _: report_table(
+    fake.name_touches = lambda corpus: report_table(
         (i, time, time, "pat", "pat", 1.0, 0)
         for i, time in zip((0, 1, 1), times(corpus), strict=True)
     )

@@ -214,8 +214,7 @@ def watch_fold(
         test = make_recordings(corpus[fold.test], background_class)
         if unknown:
             test = replace(test, labelled=test.labelled.replace({"gesture": {unknown: UNKNOWN}}))
-        evidence = watcher.collect_evidence(test.corpus)
-        table = _fold_table(watcher, test, evidence).assign(fold=fold.name)
+        table = _fold_table(watcher, test).assign(fold=fold.name)
         tables = {}
         if under:
             reports = watch_under_faults(watcher, test, under)
@@ -244,18 +243,21 @@ def watch_fold(
     )
 
 
-def _fold_table(watcher: TickWatcher, test: Recordings, evidence: list[np.ndarray]) -> pd.DataFrame:
+def _fold_table(watcher: TickWatcher, test: Recordings) -> pd.DataFrame:
     """The stored table of a fold, without its name."""
-    refused = watcher.count_refused(test.corpus, evidence)
+    sensed = watcher.sense(test.corpus)
+    refused = watcher.count_refused(sensed)
     frames = {"recording": np.arange(len(test)), "end": test.corpus.lengths, "refused": refused}
-    probability = watcher.touch_probability(evidence[0]).assign(recording=0)
+    reported = watcher.count * np.arange(1, len(sensed.signs[0]) + 1)
+    columns = {"reported": reported, "confidence": sensed.signs[0][:, 0], "recording": 0}
+    probability = pd.DataFrame(columns)
     in_timeline = probability["reported"] <= TIMELINE_S * test.corpus.rate_hz
     parts = {
         "recording": pd.DataFrame(frames),
         "touch": test.events,
         "doubtful": test.doubtful,
-        "report": watcher.report_touches(test.corpus, evidence),
-        "curve": _sweep_by_subject(watcher, test, evidence),
+        "report": watcher.name_touches(sensed),
+        "curve": _sweep_by_subject(watcher, test, sensed.evidence),
         "probability": probability[in_timeline],
     }
     subjects = test.subjects.astype(str)

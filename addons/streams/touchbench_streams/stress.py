@@ -102,11 +102,11 @@ def watch_under_faults(
         for severity in range(1, SEVERITIES + 1):
             case = dict(zip(CASE, (fault.name, severity, fault.describe(severity)), strict=True))
             corpus, places = apply_fault(test, shares, fault, severity)
-            evidence = watcher.collect_evidence(corpus)
+            sensed = watcher.sense(corpus)
             frames = pd.DataFrame({"recording": np.arange(len(test)), "end": test.corpus.lengths})
-            refused = watcher.count_refused(corpus, evidence) * frames["end"] / corpus.lengths
+            refused = watcher.count_refused(sensed) * frames["end"] / corpus.lengths
             frames = frames.assign(refused=refused.round().astype(np.int64))
-            reports = _times_before(watcher.report_touches(corpus, evidence), places)
+            reports = _times_before(watcher.name_touches(sensed), places)
             for kind, part in (("recording", frames), ("report", reports)):
                 parts.append(part.assign(kind=kind, subject=subjects[part["recording"]], **case))
     return pd.concat(parts, ignore_index=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from copy import copy
 from pathlib import Path
 from typing import ClassVar, Self
@@ -108,10 +108,20 @@ class Detector:
         signals = self.signals()
         return np.stack([signals.step(frame) for frame in ticks])
 
-    def find_reports(self, evidence: np.ndarray, levels: np.ndarray) -> list[np.ndarray]:
-        """Ticks of a recording in which the rules report a touch, for each level."""
-        signs = (run_rules(self.rules(float(level)), evidence) for level in levels)
-        return [np.flatnonzero(sign[:, 2]) for sign in signs]
+    @classmethod
+    def find_signs(
+        cls, detectors: Sequence[Self], evidence: Sequence[np.ndarray], levels: np.ndarray
+    ) -> Iterator[np.ndarray]:
+        """Yield the signs of each recording at each level, float64 [ticks, levels, 3].
+
+        Args:
+            detectors: the detector of each recording.
+            evidence: of each recording.
+            levels: thresholds.
+        """
+        for detector, series in zip(detectors, evidence, strict=True):
+            rules = [detector.rules(float(level)) for level in levels]
+            yield np.stack([run_rules(each, series) for each in rules], axis=1)
 
     def in_c(self) -> DetectorC | None:
         """The C of a fitted detector; None if it has none. Subclasses do not inherit it.
@@ -181,11 +191,11 @@ def sweep_levels(
     rate_hz = recordings.corpus.rate_hz
     hours = int(recordings.background_frames().sum()) / rate_hz / 3600
     rows, ticks = [], []  # of all reports: recording and position of the level; their tick
-    for i, (detector, series) in enumerate(zip(detectors, evidence, strict=True)):
-        for k, reported in enumerate(detector.find_reports(series, levels)):
-            rows.append(np.tile([i, k], (len(reported), 1)))
-            ticks.append(reported)
-    recording, level = np.concatenate(rows).T
+    for i, signs in enumerate(detectors[0].find_signs(detectors, evidence, levels)):
+        of_level, reported = np.nonzero(signs[..., 2].T)
+        rows.append(np.stack([np.full_like(of_level, i), of_level]))
+        ticks.append(reported)
+    recording, level = np.concatenate(rows, axis=1)
     frames = (np.concatenate(ticks) + 1) * count
     reports = pd.DataFrame({"recording": recording, "reported": frames})
     touch = assign_touches(recordings.events, reports, rate_hz, doubtful=recordings.doubtful)

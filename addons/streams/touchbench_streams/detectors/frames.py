@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
@@ -120,26 +120,32 @@ class Hysteresis:
     Args:
         levels: log-odds of touch.
         drop: distance of the lower level.
-        times: learned times.
+        times: learned times, for each of some streams at once.
     """
 
-    def __init__(self, levels: np.ndarray, drop: float, times: TouchTimes) -> None:
-        self.levels, self.drop, self.times, self.begun = levels, drop, times, 0
-        self.since, self.held, self.below, self.weak = np.zeros((4, len(levels)), np.int64)
-        self.highest = np.zeros(len(levels))
-        self.lasts, self.due = np.zeros((2, len(levels)), bool)
+    def __init__(self, levels: np.ndarray, drop: float, *times: TouchTimes) -> None:
+        self.levels, self.drop = levels, drop
+        self.hold, self.fade = np.array([(one.hold, one.fade) for one in times]).T[..., None]
+        shape = len(times), len(levels)
+        self.begun = np.zeros((len(times), 1), np.int64)
+        self.since, self.held, self.below, self.weak = np.zeros((4, *shape), np.int64)
+        self.highest = np.zeros(shape)
+        self.lasts, self.due = np.zeros((2, *shape), bool)
 
     def step(self, evidence: np.ndarray) -> Sign:
-        """Take the evidence of a tick; return the sign of the first level."""
-        report = bool(self.step_levels(evidence)[0])
+        """Take the evidence of a tick of the only stream; return the sign of the only level."""
+        since, report = self.step_levels(evidence[None].astype(np.float64))
         touch = float(expit(float(evidence[0]) - self.levels[0]))
-        since = int(self.since[0]) if report or self.lasts[0] else 0
-        return Sign(touch, since, report)
+        return Sign(touch, int(since.item()), bool(report.item()))
 
-    def step_levels(self, evidence: np.ndarray) -> np.ndarray:
-        """Take the evidence of a tick; return which levels report a touch, bool [levels]."""
-        odds, begins, _, wait = map(float, evidence)
-        self.begun = AGES - 1 if begins > BEGUN else self.begun - 1
+    def step_levels(self, evidence: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Take the evidence of a tick of each stream [streams, 4].
+
+        Returns:
+            Ticks since a touch began, and whether it is reported [streams, levels] each.
+        """
+        odds, begins, _, wait = evidence.T[..., None]
+        self.begun = np.where(begins > BEGUN, AGES - 1, self.begun - 1)
         is_clearer = ~self.due & (begins > BEGINS) & (odds > GROWN * self.highest + JUMP)
         starts = ~self.lasts & (odds > self.levels) & (self.begun > 0)
         self.since = np.where(self.lasts, self.since + 1, 1)
@@ -148,11 +154,11 @@ class Hysteresis:
         self.held = np.where(self.below > 0, self.held, self.since)
         self.weak = np.where(self.lasts & (odds < FADED * self.highest), self.weak + 1, 0)
         self.due = self.lasts & self.due | starts
-        is_over = (self.below >= self.times.hold) | (self.weak >= self.times.fade) | is_clearer
+        is_over = (self.below >= self.hold) | (self.weak >= self.fade) | is_clearer
         self.lasts = self.lasts & ~is_over | starts
         report = self.due & (self.held >= wait)
         self.due = self.due & ~report
-        return report
+        return np.where(report | self.lasts, self.since, 0), report
 
 
 @dataclass
@@ -322,11 +328,21 @@ class Frames(Detector):
         """Rules of a new stream."""
         return Hysteresis(np.array([level]), self.drop, self.times_)
 
-    def find_reports(self, evidence: np.ndarray, levels: np.ndarray) -> list[np.ndarray]:
-        """As of `Detector`; all levels at once."""
-        rules = Hysteresis(levels, self.drop, self.times_)
-        reports = np.stack([rules.step_levels(tick) for tick in evidence])
-        return [np.flatnonzero(of_level) for of_level in reports.T]
+    @classmethod
+    def find_signs(
+        cls, detectors: Sequence[Self], evidence: Sequence[np.ndarray], levels: np.ndarray
+    ) -> Iterator[np.ndarray]:
+        """As of `Detector`; all recordings and levels at once."""
+        lengths = [len(series) for series in evidence]
+        padded = np.zeros((max(lengths), len(evidence), 4))
+        for i, series in enumerate(evidence):
+            padded[: len(series), i] = series
+        rules = Hysteresis(levels, detectors[0].drop, *(each.times_ for each in detectors))
+        since, report = zip(*map(rules.step_levels, padded), strict=True)
+        for i, length in enumerate(lengths):
+            touch = expit(padded[:length, i, :1] - levels)
+            of_ticks = (np.stack([tick[i] for tick in part[:length]]) for part in (since, report))
+            yield np.stack([touch, *of_ticks], axis=-1)
 
     @property
     def soonest(self) -> int:

@@ -28,7 +28,6 @@ from touchbench_streams.detectors.detector import (
     average_into_ticks,
     count_frames_per_tick,
     held_out_units,
-    run_rules,
     score_levels,
     sweep_levels,
 )
@@ -111,9 +110,7 @@ def learn_detector(
     level = float(sweep["level"][score_levels(sweep, false_alarms).idxmax()])
     fitted = copy(detector).fit(signals, ticks)
     fitted = fitted.fit_disturbed(others, recordings, steps, level, false_alarms)
-    signs = [
-        run_rules(one.rules(level), series) for one, series in zip(others, evidence, strict=True)
-    ]
+    signs = [s[:, 0] for s in detector.find_signs(others, evidence, np.array([level]))]
     longest, units = longest_part(corpus.rate_hz, count), held_out_units(recordings)
     touches = [find_spans(one, count, longest) for one in signs]
     pace, paces = learn_pace(corpus, units, touches)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bench.corpora.corpus import NEGATIVE_SHARE, Corpus
-from bench.running.unlike import combine_statistics, mean_gap
+from bench.running.unlike import combine_statistics, mean_gaps
 from touchbench_streams.recent import find_saturated
 
 QUIET_TICKS = 64  # of a block of background; eight seconds
@@ -180,28 +180,28 @@ class Health:
         self.step = float(steps[-1])
         turns = steps[1:] * steps[:-1] < 0
         is_repeat = ~has_moved.any(axis=(1, 2)) & (now > 0).any(axis=(1, 2))
-        of_frames = now.mean(axis=(1, 2)), np.abs(change).mean(axis=(1, 2)), np.abs(steps[1:])
-        columns = [each.reshape(-1, count).sum(axis=1) for each in (*of_frames, turns, is_repeat)]
-        of_ticks = np.stack(columns, axis=1)  # in the order of `QUIET`
-        moved = has_moved.reshape(-1, count, *now[0].shape).any(axis=1)
+        means = now.mean(axis=(1, 2))
+        gaps = [mean_gaps(now, axis) for axis in (2, 1)]
+        of_frames = [np.abs(change).mean(axis=(1, 2)), np.abs(steps[1:]), turns, is_repeat]
+        of_frames = [means, *of_frames, means, *gaps, (now == 0).mean(axis=(1, 2)), is_repeat]
+        sums = np.stack([each.reshape(-1, count).sum(axis=1) for each in of_frames], axis=1)
+        of_ticks, of_touch = np.split(sums, [len(QUIET)], axis=1)  # in the order of `QUIET`
+        ticks = now.reshape(len(sums), -1)
+        moved = has_moved.reshape(len(sums), count, *now[0].shape).any(axis=1)
+        largest, least = ticks.max(axis=1), means.reshape(-1, count).min(axis=1)
+        at_largest = (ticks == largest[:, None]).sum(axis=1)
         for i, numbers in enumerate(of_ticks):
             self.tick += numbers
             self.moved |= moved[i]
             self.tick_frames += count
             if self.is_lasting:
-                self._take_touch(now[i * count : (i + 1) * count], int(numbers[-1]))
+                self.touch_frames += count
+                self.sums += of_touch[i]
+                self.least = min(self.least, float(least[i]))
+                if largest[i] > self.largest:
+                    self.largest, self.at_largest = float(largest[i]), 0
+                self.at_largest += int(at_largest[i]) * (largest[i] == self.largest)
             yield
-
-    def _take_touch(self, now: np.ndarray, repeats: int) -> None:
-        means, count = now.mean(axis=(1, 2)), len(now)
-        largest = float(now.max())
-        if largest > self.largest:
-            self.largest, self.at_largest = largest, 0
-        self.at_largest += int((now == self.largest).sum())
-        self.least = min(self.least, float(means.min()))
-        gaps = [count * mean_gap(now, axis) for axis in (2, 1)]
-        self.sums += [means.sum(), *gaps, count * (now == 0).mean(), repeats]
-        self.touch_frames += count
 
     def finish_tick(
         self, since: int, report: bool, pace: float = 0.0

@@ -90,16 +90,6 @@ class Threshold(Detector):
         """Rules of a new stream."""
         return TwoInARow(level)
 
-    def find_reports(self, evidence: np.ndarray, levels: np.ndarray) -> list[np.ndarray]:
-        """As of `Detector`; all levels at once."""
-        since, is_reported = np.zeros(len(levels), np.int64), np.zeros(len(levels), bool)
-        reports = np.zeros((len(levels), len(evidence)), bool)
-        for report, excess in zip(reports.T, evidence[:, 0].astype(np.float64), strict=True):
-            since = (since + 1) * (excess > np.where(is_reported, ENDS * levels, levels))
-            report[:] = (since == 2) & ~is_reported
-            is_reported = (since > 0) & (is_reported | report)
-        return [np.flatnonzero(of_level) for of_level in reports]
-
     def in_c(self) -> DetectorC:
         """As of `touchbench_streams.detectors.detector.Detector`."""
         constants = (

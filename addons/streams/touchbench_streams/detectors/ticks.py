@@ -22,7 +22,6 @@ from touchbench_streams.detectors.detector import (
     choose_operating_points,
     count_frames_per_tick,
     read_c_beside,
-    run_rules,
     sweep_levels,
 )
 from touchbench_streams.detectors.learning import load_or_learn_detector
@@ -99,6 +98,25 @@ def steps_of_detector(system: contract.System) -> list[Step]:
             return [*before, *[Repair(others)][: len(others)]]
         before.append(step)
     return before
+
+
+@dataclass(frozen=True, eq=False)
+class Sensed:
+    """Touches that a watcher has found in recordings, before it names them.
+
+    Attributes:
+        recordings: as the sensor gave them.
+        stepped: the same after the steps before names.
+        evidence: of each recording, by the detector.
+        signs: of each recording, float64 [ticks, 3].
+        touches: of each recording.
+    """
+
+    recordings: Corpus
+    stepped: Corpus
+    evidence: list[np.ndarray]
+    signs: list[np.ndarray]
+    touches: list[list[Span]]
 
 
 @dataclass(eq=False)
@@ -238,33 +256,35 @@ class TickWatcher:
         captures = contract.blind_captures(self.system, recordings)
         return apply_steps(captures, steps_of_detector(self.system))[0]
 
-    def collect_evidence(self, recordings: Corpus) -> list[np.ndarray]:
-        """Evidence of each recording, tick by tick."""
-        evidence = []
-        for frames in self.apply_steps_of_detector(recordings):
-            signals = self.detector.signals_of(average_blocks(frames, self.count))
-            evidence.append(self.detector.evidence(signals))
-        return evidence
-
-    def find_status(self, recordings: Corpus, evidence: list[np.ndarray]) -> list[np.ndarray]:
-        """Bits of the status after each frame of each recording, as if frames came one by one."""
-        found, stepped = [], self.apply_frame_steps(recordings)
+    def sense(self, recordings: Corpus) -> Sensed:
+        """Find the touches in recordings, as if the frames came one by one."""
+        stepped = sensed = self.apply_frame_steps(recordings)
+        if steps_of_detector(self.system) != split_causal_steps(self.system)[0]:
+            sensed = self.apply_steps_of_detector(recordings)
+        ticks = (average_blocks(frames, self.count) for frames in sensed)
+        evidence = [self.detector.evidence(self.detector.signals_of(tick)) for tick in ticks]
+        detectors, level = [self.detector] * len(evidence), np.array([self.level])
+        signs = [s[:, 0] for s in self.detector.find_signs(detectors, evidence, level)]
         longest = longest_part(stepped.rate_hz, self.count)
-        for i, (frames, series) in enumerate(zip(recordings, evidence, strict=True)):
-            signs = run_rules(self.detector.rules(self.level), series)
-            touches = find_spans(signs, self.count, longest)
-            paces = self.pace.of_touches(stepped[[i]], touches)
-            health = Health(self.limits, recordings.full_scale)
-            of_ticks, _ = watch_health(health, frames, signs, self.count, paces)
-            of_ticks |= NOISE * self.detector.find_refused(series)
+        touches = [find_spans(each, self.count, longest) for each in signs]
+        return Sensed(recordings, stepped, evidence, signs, touches)
+
+    def find_status(self, sensed: Sensed) -> list[np.ndarray]:
+        """Bits of the status after each frame of each recording, as if frames came one by one."""
+        found, full_scale = [], sensed.recordings.full_scale
+        for i, frames in enumerate(sensed.recordings):
+            paces = self.pace.of_touches(sensed.stepped[[i]], sensed.touches[i])
+            health = Health(self.limits, full_scale)
+            of_ticks, _ = watch_health(health, frames, sensed.signs[i], self.count, paces)
+            of_ticks |= NOISE * self.detector.find_refused(sensed.evidence[i])
             tick = np.arange(1, len(frames) + 1) // self.count  # complete ones
-            is_saturated = find_saturated(frames, recordings.full_scale)
+            is_saturated = find_saturated(frames, full_scale)
             found.append(np.append(0, of_ticks)[tick] | SATURATED * is_saturated)
         return found
 
-    def count_refused(self, recordings: Corpus, evidence: list[np.ndarray]) -> np.ndarray:
+    def count_refused(self, sensed: Sensed) -> np.ndarray:
         """Count frames after which the status has a reason, int64 [recordings]."""
-        status = self.find_status(recordings, evidence)
+        status = self.find_status(sensed)
         return np.array([np.count_nonzero(one) for one in status], dtype=np.int64)
 
     def sweep_recordings(self, recordings: Recordings, evidence: list[np.ndarray]) -> pd.DataFrame:
@@ -275,12 +295,6 @@ class TickWatcher:
         offset = np.arange(len(sweep)) - float(learned)
         return sweep[["hits", "alarms", "reports"]].assign(offset=offset)
 
-    def touch_probability(self, evidence: np.ndarray) -> pd.DataFrame:
-        """Confidence of the rules in touch, after each tick of one recording."""
-        signs = run_rules(self.detector.rules(self.level), evidence)
-        reported = self.count * np.arange(1, len(signs) + 1)
-        return pd.DataFrame({"reported": reported, "confidence": signs[:, 0]})
-
     def decide_once(self, recording: Corpus, end: int) -> None:
         """Do the work of one decision, to be timed: signals and evidence of a tick, and a name."""
         frames = recording[0][max(0, end - self.count) : max(end, self.count)]
@@ -289,16 +303,15 @@ class TickWatcher:
         begin = max(0, end - round(LONGEST_S * recording.rate_hz))
         name_probabilities(self.names, recording, np.array([begin]), np.array([end]))
 
-    def report_touches(
-        self, recordings: Corpus, evidence: list[np.ndarray] | None = None
-    ) -> pd.DataFrame:
+    def report_touches(self, recordings: Corpus) -> pd.DataFrame:
         """Report the touches in recordings, as if the frames came one by one."""
-        stepped = self.apply_frame_steps(recordings)
-        evidence = self.collect_evidence(recordings) if evidence is None else evidence
+        return self.name_touches(self.sense(recordings))
+
+    def name_touches(self, sensed: Sensed) -> pd.DataFrame:
+        """Reports of the touches that were found in recordings, with their names."""
         rows: list[tuple] = []
-        for i, series in enumerate(evidence):
-            signs = run_rules(self.detector.rules(self.level), series)
-            touches = find_spans(signs, self.count, longest_part(stepped.rate_hz, self.count))
+        stepped = sensed.stepped
+        for i, touches in enumerate(sensed.touches):
             if not touches:
                 continue
             spans = [[*touch.named, *filter(None, [touch.last])] for touch in touches]
