@@ -91,13 +91,13 @@ def test_a_stream_can_have_each_fault_of_a_certificate_and_captures_those_to_tra
         parse_trained_faults("nois+cover")
 
 
-TIME_LEFT = [  # seconds, of which 240 come after a comparison and 20 are its first folds
-    (261, False, 1, ""),
-    (259, False, 1, "it would take about"),
-    (261, True, 1, "it would take about"),  # its folds were too slow before
-    (391, True, 1, ""),
-    (261, False, 2, "it would take about"),  # the other session is tested, too
-    (461, False, 2, ""),
+TIME_LEFT = [  # seconds, of which 164 come after a comparison and 20 are its first folds
+    (185, False, 1, ""),
+    (183, False, 1, "it would take about"),
+    (185, True, 1, "it would take about"),  # its folds were too slow before
+    (315, True, 1, ""),
+    (185, False, 2, "it would take about"),  # the other session is tested, too
+    (385, False, 2, ""),
 ]
 
 

@@ -59,8 +59,8 @@ MAX_CLEAN_LOSS = 1.0  # points without faults that training against faults may c
 FAULT_TIME, LAST_FIT_TIME = 2.5, 2.0
 # The same of a comparison on streams that learns its detectors: all faults, captures, two
 # sessions; and the last fit, in folds, whose detector is there.
-STREAM_FAULTS_TIME, CAPTURES_TIME, SESSIONS_TIME, LAST_WATCHING_FITS = 1.75, 0.15, 2.0, 1.0
-WRITING_S = 20.0  # of the folder: its C labels all captures and passes its test
+STREAM_FAULTS_TIME, CAPTURES_TIME, SESSIONS_TIME, LAST_WATCHING_FITS = 1.25, 0.05, 2.0, 0.6
+WRITING_S = 12.0  # of the folder: its C labels all captures and passes its test
 
 
 class Comparison:
