@@ -133,9 +133,12 @@ class Design:
             return corpus
         readings = np.concatenate([corpus[int(i)].ravel() for i in train])
         steps = 2**self.bits - 1 if self.bits else 1  # which are no finer than recorded
-        low = min(math.floor(readings.min()), math.floor(corpus.full_scale) - steps)
-        high = max(math.ceil(np.quantile(readings, AUTO_QUANTILE)), low + steps)
-        fitted = replace(self, range=f"{low}-{high}")
+        unit = 1.0 if corpus.info["recorded"]["whole"] else corpus.full_scale / 2**MOST_BITS
+        least, most = float(readings.min()), float(np.quantile(readings, AUTO_QUANTILE))
+        low = min(least // unit, corpus.full_scale // unit - steps)
+        high = max(-(-most // unit), low + steps)
+        ends = (np.format_float_positional(end * unit, trim="-") for end in (low, high))
+        fitted = replace(self, range="-".join(ends))
         design = {"design": asdict(fitted)}
         return fitted.encode(corpus.with_fields(info=corpus.info | design, digest="", path=None))
 

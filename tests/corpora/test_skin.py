@@ -178,6 +178,22 @@ def test_a_learned_range_sees_training_captures_alone():
     assert everyone.info["design"]["range"] != fitted.info["design"]["range"]
 
 
+@pytest.mark.parametrize("full_scale", [4.5, 2 / 3, 1e-3])
+@pytest.mark.parametrize("bits", [1, 6, 16])
+def test_a_range_of_decimals_is_learned_in_fine_steps(full_scale, bits):
+    whole = ragged([20] * 3)
+    values = (whole.frames / 1023 * full_scale * 0.4).astype(np.float32)
+    corpus = whole.with_fields(frames=values, full_scale=full_scale)
+    design = Design(bits=bits, range="auto")
+    made = design.fit_range(design.convert(corpus), np.arange(2))
+    low, high = map(float, made.info["design"]["range"].split("-"))
+    readings, step = values[:40], full_scale / 2**16
+    assert 0 <= low <= readings.min() and high <= full_scale
+    top = max(np.quantile(readings, 0.999), low + (2**bits - 1) * step)
+    assert -1e-6 * full_scale <= high - top <= step * 1.001
+    assert len(np.unique(made.frames)) <= 2**bits
+
+
 def test_a_design_is_a_corpus_of_its_own_with_the_captures_of_the_recorded_one():
     values = {"model": "lda", "features": "touch", "data.subjects": "3", "data.repetitions": "2"}
     cells = make_cells(values | {"skin.grid": "4x4,2x2", "skin.rate_hz": "27"})
