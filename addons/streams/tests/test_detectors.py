@@ -1,5 +1,6 @@
 """Detectors look at no later tick, learn times and thresholds, and agree with plain loops."""
 
+import tracemalloc
 from dataclasses import replace
 from functools import partial
 
@@ -156,10 +157,38 @@ def test_many_recordings_and_levels_at_once_have_the_signs_of_each_alone(steps, 
     detectors[0].times_, detectors[1].times_ = TouchTimes(*times), TouchTimes(2, 1, 9)
     evidence = np.array(steps).cumsum(axis=0) * [1, 0] + np.array(steps) * [0, 1]
     evidence = np.hstack([evidence, np.tile([0, times[0]], (len(steps), 1))])
-    evidence, levels = [evidence, evidence[5:]], np.array([-3.0, 0.0, 1.5, 4.0])
+    evidence = [evidence, evidence[5:], evidence[:1], evidence[:2]]
+    detectors, levels = 2 * detectors, np.array([-3.0, 0.0, 1.5, 4.0])
     found, expected = (of.find_signs(detectors, evidence, levels) for of in (Frames, Detector))
     for of_found, of_expected in zip(found, expected, strict=True):
         np.testing.assert_array_equal(of_found, of_expected)
+
+
+def test_signs_of_short_recordings_take_no_more_memory_beside_a_long_one():
+    detector, lengths = Frames(), [*[9] * 60, 1500, *[9] * 60]
+    detector.times_ = TouchTimes(2, 1, 9)
+    evidence = [np.zeros((length, 4)) for length in lengths]
+    tracemalloc.start()
+    signs = Frames.find_signs([detector] * len(lengths), evidence, Frames.levels)
+    assert [len(each) for each in signs] == lengths
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 4e6  # bytes; 1500 ticks of all recordings and levels have 60e6
+
+
+class Patient(Frames):
+    """A detector of a user, with rules of its own."""
+
+    def rules(self, level):
+        return TwoInARow(level)
+
+
+def test_a_subclass_with_rules_of_its_own_finds_the_same_in_recordings_as_live():
+    detector = Patient()
+    detector.times_ = TouchTimes(2, 1, 9)
+    evidence = np.random.default_rng(0).normal(size=(50, 4))
+    signs = Patient.find_signs([detector], [evidence], np.array([0.5]))
+    np.testing.assert_array_equal(next(signs)[:, 0], run_rules(detector.rules(0.5), evidence))
 
 
 @given(

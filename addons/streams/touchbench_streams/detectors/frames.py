@@ -71,6 +71,7 @@ SLIGHT = 3e-4
 IMPOSSIBLE = -1e30  # log of the share of a class that training did not have
 GROUPS = "3"  # of training recordings for the threshold of that classifier
 BLOCK = 1000  # ticks at once, which bounds memory
+MOST_SIGNS = 10_000_000  # of recordings at once, for all levels, which bounds memory
 # Recordings, or subjects, from which on each kind of disturbance is learned from a part, for time.
 MANY = 8
 
@@ -332,17 +333,22 @@ class Frames(Detector):
     def find_signs(
         cls, detectors: Sequence[Self], evidence: Sequence[np.ndarray], levels: np.ndarray
     ) -> Iterator[np.ndarray]:
-        """As of `Detector`; all recordings and levels at once."""
-        lengths = [len(series) for series in evidence]
-        padded = np.zeros((max(lengths), len(evidence), 4))
-        for i, series in enumerate(evidence):
-            padded[: len(series), i] = series
-        rules = Hysteresis(levels, detectors[0].drop, *(each.times_ for each in detectors))
-        since, report = zip(*map(rules.step_levels, padded), strict=True)
-        for i, length in enumerate(lengths):
-            touch = expit(padded[:length, i, :1] - levels)
-            of_ticks = (np.stack([tick[i] for tick in part[:length]]) for part in (since, report))
-            yield np.stack([touch, *of_ticks], axis=-1)
+        """As of `Detector`; many recordings and all levels at once."""
+        if cls.rules is not Frames.rules:  # a subclass decides otherwise
+            yield from super().find_signs(detectors, evidence, levels)
+            return
+        for part in _group_lengths([len(series) for series in evidence], len(levels)):
+            lengths = [len(series) for series in evidence[part]]
+            padded = np.zeros((max(lengths), len(lengths), 4))
+            for i, series in enumerate(evidence[part]):
+                padded[: len(series), i] = series
+            times = (detector.times_ for detector in detectors[part])
+            rules = Hysteresis(levels, detectors[0].drop, *times)
+            since, report = zip(*map(rules.step_levels, padded), strict=True)
+            for i, length in enumerate(lengths):
+                touch = expit(padded[:length, i, :1] - levels)
+                signs = (np.stack([tick[i] for tick in each[:length]]) for each in (since, report))
+                yield np.stack([touch, *signs], axis=-1)
 
     @property
     def soonest(self) -> int:
@@ -470,3 +476,14 @@ def touch_ages(recording: Recordings) -> tuple[np.ndarray, np.ndarray]:
     for start, end in zip(recording.events["start"], recording.events["end"], strict=True):
         age[start:end], length[start:end] = np.arange(1, end - start + 1), end - start
     return age, length
+
+
+def _group_lengths(lengths: Sequence[int], levels: int) -> Iterator[slice]:
+    """Yield slices of recordings that are as long as each other, more or less, and not too long."""
+    first = 0
+    for i in range(1, len(lengths) + 1):
+        group = lengths[first : i + 1]
+        padded = len(group) * max(group)
+        if i == len(lengths) or padded > min(2 * sum(group), MOST_SIGNS / levels):
+            yield slice(first, i)
+            first = i
