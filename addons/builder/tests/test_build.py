@@ -23,7 +23,11 @@ from touchbench_builder import certificate, check, fitting, systems
 from touchbench_builder.build import _import_file, _next_commands
 from touchbench_builder.captures import load_corpus
 from touchbench_builder.folder import header_lines, label_with_c, watch_with_c
-from touchbench_builder.stream import people_of_reports, recordings_of_people
+from touchbench_builder.stream import (
+    count_other_reports,
+    people_of_reports,
+    recordings_of_people,
+)
 from touchbench_streams.events import match_tables
 
 TOOLS = [name for name in ("cc", "make", "c++") if shutil.which(name) is None]
@@ -96,7 +100,7 @@ def test_recordings_become_c_that_compiles_passes_its_test_and_keeps_its_certifi
         "touch.c": [facts["system"]["model"], facts["data"]["digest"], "bench build skin.csv"],
         "README.md": [f"{100 * mean:.1f} %", "programs for a Cortex-M4F are not installed"],
     }
-    words["README.md"].append("It finds no touches itself")
+    words["README.md"] += ["It finds no touches itself: no capture", "captures called notouch"]
     for name, parts in words.items():
         assert all(part in Path("robot", name).read_text() for part in parts)
     page = certificate.render_page(facts)
@@ -221,6 +225,8 @@ def test_the_certificate_of_recordings_is_that_of_their_stream_and_is_checked_in
         }
     sure = touches[touches["confidence"] >= 0.5]
     assert stream["confidence"][0]["right"] == pytest.approx(sure["end_correct"].mean(), abs=1e-4)
+    compared = f"0 of {facts['c']['reports']} reports of the C have another time or last label"
+    assert facts["c"]["reports"] >= 5 and compared in text
     assert "The streams are recordings" in text and {*facts["stream"]["gestures"]} == {*FEW}
 
     frames, labels, subjects = import_people("later", 5, 9, "new ")
@@ -232,6 +238,9 @@ def test_the_certificate_of_recordings_is_that_of_their_stream_and_is_checked_in
     assert of_python["changes"].sum() > 0
     compared = ["recording", "reported", "end", "first", "label", "changes"]
     pd.testing.assert_frame_equal(of_c[compared], of_python[compared], check_dtype=False)
+    assert count_other_reports(of_python, of_c) == 0
+    assert count_other_reports(of_python, of_c.assign(label="other")) == len(of_python)
+    assert count_other_reports(of_python[1:], of_c) == 1
 
     others = dict(zip(sorted(FEW), [*sorted(FEW)[3:], *sorted(FEW)[:3]], strict=True))
     swapped = pd.Series(labels).replace(others).to_numpy()

@@ -66,7 +66,7 @@ def test_each_person_gets_the_system_that_the_others_choose():
     assert expected["mean"] == 0.1 and expected["mean_low"] is None
 
 
-def test_each_candidate_has_c_and_one_that_can_watch_learns_noise():
+def test_each_candidate_has_c_and_the_first_can_watch_and_learns_faults():
     candidates = candidate_systems(random_corpus(3, 3, grid=(4, 4)))
     can_watch = [
         check_exportable(make_cells({"data": "synth", **values})[0].untrained_system)
@@ -76,10 +76,10 @@ def test_each_candidate_has_c_and_one_that_can_watch_learns_noise():
     assert len(seconds) == len(candidates)
     (steady,) = (i for i, (values, _) in enumerate(candidates) if "model.faults" in values)
     title = system_title(candidates[steady][0])
-    assert (
-        can_watch[steady]
-        and title == "lda on touch_profiles, windows of 1 s, trained against own_noise"
-    )
+    trained = "offset_drift+lower_rate+doubled_frames+own_noise"
+    assert steady == 0 and can_watch[steady]
+    assert title == f"lda on touch_profiles, windows of 1 s, trained against {trained}"
+    assert [*seconds.values()][1:] == sorted([*seconds.values()][1:])
     assert seconds[title] > seconds["lda on touch, windows of 1 s"]  # copies, and more features
 
 

@@ -51,7 +51,7 @@ def build(arguments: list[str]) -> int:
 def _run_build(words: list[str], values: dict[str, str], command: str) -> int:
     from touchbench_builder.certificate import make_certificate, summary_lines
     from touchbench_builder.folder import check_build_folder, write_build
-    from touchbench_builder.stream import open_stream_captures, why_no_stream
+    from touchbench_builder.stream import first_recording, open_stream_captures, why_no_stream
     from touchbench_builder.systems import STREAM_BUDGETS, compare_systems, parse_trained_faults
     from touchbench_chip.write import check_prefix
 
@@ -88,7 +88,8 @@ def _run_build(words: list[str], values: dict[str, str], command: str) -> int:
     )
     facts["system"]["prefix"] = settings["prefix"]
     progress.start_step("C and its tests")
-    write_build(out, recogniser, facts, corpus)
+    recording = None if no_stream else first_recording(on, corpus)
+    write_build(out, recogniser, facts, corpus, recording)
     print_lines(*summary_lines(facts))
     print_next_commands(*_next_commands(quote_value(str(out)), facts["data"]["people"]))
     return 0

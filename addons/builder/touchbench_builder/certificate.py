@@ -227,9 +227,9 @@ def unknown_sentences(corpus: Corpus, tells_sessions: bool) -> list[str]:
                 f"All captures have {column} {value}; nothing is known of another one."
             )
     if not tells_sessions:
-        reason = "No column names two sessions of people enough"
+        reason = "No column names two sessions with enough people"
         if column := find_session_column(corpus):
-            reason = f"The column {column} has not two values with people enough in both"
+            reason = f"The column {column} does not have two values with enough people in each"
         sentences.append(f"{reason}: nothing is known of the same sensor on another day.")
     if corpus.synthetic:
         sentences.append("The captures are generated. They say nothing about people.")

@@ -21,7 +21,7 @@ from bench.ground.digests import json_with_digest
 from bench.ground.scratch import check_empty_folder, fill_then_rename, remove_path
 from bench.running.saved import Recogniser
 from touchbench_builder.certificate import render_page, summary_lines
-from touchbench_builder.stream import reports_of_news
+from touchbench_builder.stream import count_other_reports, reports_of_news
 from touchbench_chip.classifiers import format_float
 from touchbench_chip.measure import compile_labeller, compile_watcher
 from touchbench_chip.write import PREFIX, rename_public, write_c_sources
@@ -73,16 +73,38 @@ def _earlier_build(out: Path) -> Path:
     return out.absolute().with_name(f".{out.name}.earlier")
 
 
-def write_build(out: Path, recogniser: Recogniser, facts: dict[str, Any], corpus: Corpus) -> None:
-    """Write the folder of a build and test its C; then it replaces an earlier build."""
+def write_build(
+    out: Path,
+    recogniser: Recogniser,
+    facts: dict[str, Any],
+    corpus: Corpus,
+    recording: Corpus | None,
+) -> None:
+    """Write the folder of a build and test its C; then it replaces an earlier build.
+
+    Args:
+        out: the folder.
+        recogniser: the model.
+        facts: content of the certificate, which gets what the C does.
+        corpus: captures that the C labels.
+        recording: one that the C watches; None if it cannot.
+    """
     texts = source_texts(recogniser, facts, header_lines(facts), corpus)
+    prefix = facts["system"]["prefix"]
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         _write_texts(folder, texts)
-        labels, _ = label_with_c(folder, recogniser.classes, corpus, facts["system"]["prefix"])
+        labels, _ = label_with_c(folder, recogniser.classes, corpus, prefix)
         others = int((recogniser.label(corpus)["label"].to_numpy() != labels).sum())
         (model,) = re.findall(r'(?m)^#define \w+_MODEL "(\w+)"', texts["touch.h"])
         facts["c"] = {"captures": len(corpus), "other_labels": others, "model": model}
+        if recording is not None and recogniser.watcher is not None:
+            reports = recogniser.watcher.report_touches(recording)
+            of_c = watch_with_c(folder, recogniser.classes, recording, prefix)
+            facts["c"] |= {"reports": len(reports)}
+            facts["c"] |= {"other_reports": count_other_reports(reports, of_c)}
+            minutes = recording.lengths.sum() / recording.rate_hz / 60
+            facts["c"] |= {"watched_minutes": round(float(minutes), 1)}
         certificate = json_with_digest(json.dumps(facts, indent=1, ensure_ascii=False) + "\n")
     write_tested(out, texts | {CERTIFICATE: certificate, "README.md": render_page(facts)})
 

@@ -14,7 +14,8 @@ from bench.errors import InputError
 from bench.plan.grid import make_cells
 from touchbench_builder.bounds import SPREAD, gesture_spread, new_person_bounds
 from touchbench_builder.rates import UpperBounds, new_person_rate_bounds, new_person_time_bounds
-from touchbench_streams.composer import check_background, split_touch_and_background
+from touchbench_streams import NO_TOUCH
+from touchbench_streams.composer import QUIET, check_background, split_touch_and_background
 from touchbench_streams.detectors.base import UNKNOWN
 from touchbench_streams.events import FALSE_ALARM, match_reports, report_table
 from touchbench_streams.fold import default_background, make_recordings
@@ -29,6 +30,7 @@ SHARES = {"found": "found", "first": "first_correct", "last": "end_correct"}  # 
 CONFIDENCES = (0.5, 0.7, 0.9)
 MISSED = "missed"  # column of the confusions
 ENDED = 3  # TOUCH_ENDED
+COMPARED_S = 600.0  # of a recording, most, whose reports in C are compared with those of Python
 FEWEST_PEOPLE = 3  # a person is left out twice, of training and of the choice of a threshold
 
 
@@ -83,7 +85,10 @@ def why_no_stream(captures: Corpus) -> str:
             background = default_background(captures)
             check_background(*split_touch_and_background(captures, background))
     except InputError as e:
-        return str(e)
+        if "background" not in str(e):  # such as too little memory
+            return str(e)
+        problem = str(e).partition("; ")[0].removeprefix(f"background={QUIET}: ")
+        return f"{problem}; bench build needs captures called {NO_TOUCH} of each subject"
     return ""
 
 
@@ -91,6 +96,19 @@ def recordings_of_people(on: Mapping[str, Any], corpus: Corpus) -> Recordings:
     """Recordings of people: theirs, or composed of their captures."""
     captures = open_stream_captures(on, corpus)
     return make_recordings(captures, default_background(captures))
+
+
+def first_recording(on: Mapping[str, Any], corpus: Corpus) -> Corpus:
+    """The first minutes of the first recording of `recordings_of_people`."""
+    first = recordings_of_people(on, corpus).corpus[[0]]
+    lengths = np.minimum(first.lengths, round(COMPARED_S * first.rate_hz))
+    return first.with_fields(lengths=lengths, digest="", path=None)
+
+
+def count_other_reports(reports: pd.DataFrame, others: pd.DataFrame) -> int:
+    """Reports that have another time or last label in another table, or are not there."""
+    same = reports.merge(others, on=["recording", "reported", "label"])
+    return max(len(reports), len(others)) - len(same)
 
 
 def reports_of_news(

@@ -30,6 +30,7 @@ from bench.values.scores import label_captures
 from touchbench_builder.candidates import (
     LARGEST_SYSTEM,
     SMALLEST_SYSTEM,
+    TRAINED_FAULTS,
     candidate_systems,
     system_title,
     train_against,
@@ -53,7 +54,6 @@ DEFAULT_FAULTS = tuple(  # if the scene names none
     "noise offset_drift drift gain_drift lower_rate doubled_frames dropped_frames time_jitter "
     "dead_taxels stuck_taxels".split()
 )
-TRAINED_FAULTS = ("own_noise",)
 MAX_CLEAN_LOSS = 1.0  # points without faults that training against faults may cost
 # As multiples of the processor time of a comparison on captures: a fault, and the last fit.
 FAULT_TIME, LAST_FIT_TIME = 2.5, 2.0

@@ -46,7 +46,9 @@ def adapt(arguments: list[str]) -> int:
     labels = corpus.captures["gesture"].to_numpy() if "gesture" in corpus.captures else None
     check_adaptable(source, recogniser, labels)
     gain = "without labels, nobody knows whether it is better for this person"
-    if labels is not None:
+    if labels is not None and len(corpus) == 1:
+        gain = "of one capture, nobody knows whether it is better for this person"
+    elif labels is not None:
         before, after = count_right_left_out(recogniser, corpus, labels)
         gain = f"of {format_count(len(corpus), 'capture')}, each left out, it labels {after} right"
         gain += f", and {source} {before}"
@@ -101,11 +103,9 @@ def check_adaptable(model: str, recogniser: Recogniser, y: np.ndarray | None) ->
 def count_right_left_out(recogniser: Recogniser, corpus: Corpus, y: np.ndarray) -> tuple[int, int]:
     """Captures that are labelled right before, and after adapting without them.
 
-    Each is left out in turn; of more than `MOST_PARTS`, some together.
+    Each of two or more is left out in turn; of more than `MOST_PARTS`, some together.
     """
     before, after = recogniser.label(corpus)["label"].to_numpy() == y, 0
-    if len(corpus) == 1:
-        return int(before.sum()), int(before.sum())  # nothing remains to adapt to
     part = np.arange(len(corpus)) % MOST_PARTS
     for number in np.unique(part):
         rest, left_out = np.flatnonzero(part != number), np.flatnonzero(part == number)
