@@ -21,7 +21,7 @@ from addons.streams.tests.test_c import (
 from bench.corpora.corpus import Corpus
 from touchbench_streams.detectors import status
 from touchbench_streams.detectors.base import UNKNOWN
-from touchbench_streams.detectors.status import REASONS, learn_limits
+from touchbench_streams.detectors.status import REASONS, Health, learn_limits, watch_health
 from touchbench_streams.detectors.ticks import TickStream
 
 needs_gcc = pytest.mark.skipif(bool(describe_missing("gcc")), reason=describe_missing("gcc"))
@@ -182,6 +182,8 @@ def test_lost_frames_move_time_on_in_c_as_in_python(most, recogniser, in_c):
     watched.code.status(counts.ctypes.data_as(ctypes.c_void_p))
     assert counts[1] == lost and len(ended) > 5
     assert stream.seen == at
+    watched.code.pace.restype = ctypes.c_float
+    assert watched.code.pace() == pytest.approx(stream.health.slow_pace or 0, abs=1e-3)
 
 
 @needs_gcc
@@ -196,6 +198,22 @@ def test_labels_below_a_confidence_are_unknown_in_c_as_in_python(recogniser, in_
     expected = report_in_python(strict, frames)[: len(events)]
     check_equal(events, expected)
     assert {UNKNOWN} < set(events["label"])
+
+
+@needs_gcc
+@pytest.mark.parametrize("slices", [1, 7])
+def test_the_pace_of_touches_is_that_of_python_also_in_slices(slices, recogniser, tmp_path):
+    """The name at the end of a touch counts, which is computed in the frames after it."""
+    sliced, corpus = copy(recogniser), recordings_for("frames").corpus
+    sliced.watcher = replace(recogniser.watcher, slices=slices)
+    watched, sensed = WatcherInC(sliced, tmp_path), sliced.watcher.sense(corpus)
+    watched.code.pace.restype = ctypes.c_float
+    for i, frames in enumerate(corpus):
+        paces = sliced.watcher.pace.of_touches(sensed.stepped[[i]], sensed.touches[i])
+        health = Health(sliced.watcher.limits, recogniser.full_scale)
+        watch_health(health, frames, sensed.signs[i], sliced.watcher.count, paces)
+        watched.start()(frames)
+        assert watched.code.pace() == pytest.approx(health.slow_pace, abs=1e-3)
 
 
 @needs_gcc

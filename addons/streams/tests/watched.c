@@ -16,6 +16,7 @@ int stream(const float *frames, int n, news_t *news)
 int set(int point) { return touch_set_threshold(&w, point); }
 int confidence(double least) { return touch_set_confidence(&w, (float)least); }
 int status(touch_counts_t *counts) { return touch_status(&w, counts); }
+float pace(void) { return w.health.slow_pace; } /* of touches, mean over blocks */
 int missed(uint32_t n, news_t *news)
 {
     news->news = touch_missed(&w, n, &news->event);

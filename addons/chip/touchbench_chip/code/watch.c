@@ -101,7 +101,7 @@ int touch_missed(touch_watch_t *w, uint32_t frames, touch_event_t *event)
         }
         memset(&w->now, 0, sizeof *w - offsetof(touch_watch_t, now)); /* the stream begins anew */
         w->seen += frames;
-        w->health.is_lasting = w->health.tick_frames = 0;
+        w->health.is_lasting = w->health.tick_frames = w->health.pace_frames = 0;
         memset(w->health.tick, 0, sizeof w->health.tick);
     }
     w->health.follows = w->health.follows && !frames;
