@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bench.reading.designs import Designs, format_design
+from bench.reading.designs import HOW, Designs, format_design
 from bench.reports.figures import (
     error_bars,
     line_style,
@@ -26,17 +26,21 @@ if TYPE_CHECKING:
 ORDER_CAPTION = "Order of the taxels, chosen on a half of the people; bars are standard errors."
 CAPTION = "Designs of the skin: a system is trained on each, and tested with it on people left out."
 PANEL = 2.6  # inches of a small multiple
+CELL = 0.19  # inches of a taxel, at least
 
 
 def draw_designs(designs: Designs, folder: Path) -> list[Path]:
-    """Draw both figures into a folder; return their paths."""
-    return [_draw_front(designs, folder), _draw_properties(designs, folder)]
+    """Draw figures into a folder, the second if a property changes alone; return their paths."""
+    draw = [_draw_front, *[_draw_properties] * bool(designs.single_changes())]
+    return [each(designs, folder) for each in draw]
 
 
 def draw_orders(orders: Sequence[TaxelOrder], folder: Path) -> Path:
     """Draw maps of the skin with the order of its taxels, and the accuracy on the other people."""
     margins = (0.7, 0.15, 0.65, 0.75)
-    figure, axes = new_figure((9.2, 3.7), (1, len(orders) + 1), margins, (0.65, 0.0))
+    rows, cols = orders[0].order.shape
+    size = max(9.2, 1.5 + 3 * (0.3 + CELL * cols)), max(3.7, 1.4 + CELL * rows)
+    figure, axes = new_figure(size, (1, len(orders) + 1), margins, (0.65, 0.0))
     for i, (ax, each) in enumerate(zip(axes[0], orders, strict=False)):
         shown = np.ma.masked_equal(each.order, 0)
         ax.imshow(shown, cmap="Greys", vmin=-2, vmax=3 * each.order.max(), aspect="equal")
@@ -52,6 +56,7 @@ def draw_orders(orders: Sequence[TaxelOrder], folder: Path) -> Path:
         means, errors = np.transpose(pairs)
         axes[0, -1].errorbar(each.wired, means, yerr=errors, **style)
     axes[0, -1].set(xlabel="wired taxels", ylabel="correctly classified captures, %")
+    axes[0, -1].xaxis.get_major_locator().set_params(integer=True)
     axes[0, -1].grid(alpha=0.3)
     axes[0, -1].legend(frameon=False)
     return save_figure(figure, folder, "taxels", "", ORDER_CAPTION).path
@@ -97,23 +102,31 @@ def _draw_properties(designs: Designs, folder: Path) -> Path:
     singles = designs.single_changes()
     data, _, protocol = designs.results[0].context
     title = f"{data}, {protocol}: {designs.results[0].system}"
-    count = max(1, len(singles))
+    count = len(singles)
     size, margins = (1.0 + (PANEL + 0.2) * count, 3.6), (0.8, 0.15, 1.0, 0.55)
     figure, axes = new_figure(size, (1, count), margins, (0.2, 0.0), title)
-    accuracy = designs.accuracy
-    lowest = min((accuracy - accuracy[0]).mean(axis=1).min() - 2, -5)
-    for ax, (name, places) in zip(axes[0], singles.items(), strict=False):
-        values = [str(designs.options[i].get(name)) for i in places]
+    accuracy, ends = designs.accuracy, [-3.0, 1.0]
+    for ax, (name, places) in zip(axes[0], singles.items(), strict=True):
         pairs = [mean_and_error(accuracy[i] - accuracy[0]) for i in places]
         points, errors = np.transpose(pairs)
-        shown = ["recorded", *(value.removesuffix(".0") for value in values)]
+        ends += [*(points - errors), *(points + errors)]
+        shown = ["recorded", *(_format_option(name, designs.options[i]) for i in places)]
         at = np.arange(len(shown))
         ax.errorbar(at, [0, *points], yerr=[0, *errors], marker="o", capsize=3, color="C0")
         ax.axhline(0, color="0.5", linewidth=0.8)
-        ax.set_xticks(at, shorten_names(shown, 12), rotation=30, ha="right")
-        ax.set(title=name.replace("_hz", ", Hz"), ylim=(lowest, 3), xlim=(-0.4, len(shown) - 0.6))
+        ax.set_xticks(at, shorten_names(shown, 16), rotation=30, ha="right")
+        ax.set(title=name.replace("_hz", ", Hz"), xlim=(-0.4, len(shown) - 0.6))
         ax.grid(alpha=0.3)
+    for ax in axes[0]:
+        ax.set_ylim(min(ends) - 2, max(ends) + 2)
     axes[0, 0].set_ylabel("points against the recorded skin\n(bars: standard error)")
     for ax in axes[0, 1:]:
         ax.set_yticklabels([])
     return save_figure(figure, folder, "properties", title, CAPTION).path
+
+
+def _format_option(name: str, options: Mapping[str, object]) -> str:
+    """Value of an option of a design, and those that say how it is done."""
+    values = [options[key] for key in dict.fromkeys((name, *HOW)) if key in options]
+    words = [f"{value:g}" if isinstance(value, float) else str(value) for value in values]
+    return ", ".join(words)

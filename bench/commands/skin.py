@@ -64,7 +64,8 @@ def command(values: Values) -> int:
     with refuse_unwritable(out):
         paths = draw_designs(designs, out)
     table_of_front(designs).print(results_console())
-    table_of_properties(designs).print(results_console())
+    if designs.single_changes():
+        table_of_properties(designs).print(results_console())
     print_lines(*describe_choice(designs), *map(str, paths))
     best = designs.results[designs.chosen]
     context = {"data": best["data"], "where": best["where"], "protocol": "loso"}
@@ -95,6 +96,8 @@ def search_designs(values: Values) -> Designs:
         pairs = Part("protocols", "pairs", {"apart": apart})
         results = run_complete([replace(cells[i], protocol=pairs) for i in places], values)
         amounts[places] = [cost.value_of_row(result) for result in results]
+        if not np.isfinite(amounts[0]):
+            raise InputError(f"by={cost.key}: {recorded.system_name()}: {cost.why_unknown}")
         for i, result in zip(places, results, strict=True):
             accuracies = pair_accuracies(result, people)
             inner[i] = np.where(np.isnan(accuracies), inner[i], accuracies)
@@ -112,9 +115,10 @@ def search_designs(values: Values) -> Designs:
     places = np.flatnonzero(stays.any(axis=1) | np.array(alone))
     results = run_complete([cells[i] for i in places], values)
     shown = [options[i] for i in places]
+    shown_amounts = np.array([cost.value_of_row(result) for result in results], float)
     order = [people.index(name) for name in results[0].accuracy_by_subject]
     choices_in_order = np.searchsorted(places, choices)[order]
-    return Designs(shown, results, cost, amounts[places], choices_in_order)
+    return Designs(shown, results, cost, shown_amounts, choices_in_order)
 
 
 def search_taxels(values: Values) -> list[TaxelOrder]:
@@ -203,7 +207,7 @@ def describe_choice(designs: Designs) -> list[str]:
     names = Counter(format_design(designs.options[i]) for i in designs.choices)
     listed = "; ".join(f"{name} ({count}x)" for name, count in names.most_common())
     nested, as_recorded = designs.new_person()
-    low, high = mean_interval(nested)
+    low, high = np.clip(mean_interval(nested), 0, 100)
     interval = "" if np.isnan(low) else f" [{low:.1f}, {high:.1f}]"
     mean = designs.amounts[designs.choices].mean()
     lines = [
@@ -218,10 +222,12 @@ def describe_choice(designs: Designs) -> list[str]:
     for name, places in designs.single_changes().items():
         if name in HOW:
             continue
-        finest = designs.accuracy[0] - designs.accuracy[places[0]]
-        gain, error = mean_and_error(finest)
-        words = f"{name}: the recorded skin gains {format_points(gain, error)} points over "
-        words += format_design(designs.options[places[0]])
-        limits = "so a finer skin may gain more" if gain > error else "so finer would hardly help"
+        finest, same = places[0], designs.same_at_full(places[0])
+        gain, error = mean_and_error(designs.accuracy[same] - designs.accuracy[finest])
+        with_how = f" with {format_design(designs.options[same])}" if same else ""
+        words = f"{name}: the recorded skin{with_how} gains {format_points(gain, error)} points "
+        words += f"over {format_design(designs.options[finest])}"
+        no_sign = "so nothing shows that a finer skin would gain"
+        limits = "so a finer skin may gain more" if gain > error else no_sign
         lines.append(f"{words}, {limits}.")
     return lines

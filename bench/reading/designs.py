@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from bench.values.intervals import mean_and_error, mean_interval, within_one_standard_error
-from bench.values.measures import Cost
+from bench.values.measures import Cost, all_costs
 from bench.values.pareto import front_corners, is_on_front
 from bench.values.result import Result
 from bench.values.scores import label_captures
@@ -112,7 +112,7 @@ class Designs:
     def row(self, i: int, property_name: str = "") -> dict[str, Any]:
         """Numbers of a design: accuracy with its interval, and points against the recorded one."""
         accuracy = self.accuracy
-        low, high = mean_interval(accuracy[i])
+        low, high = np.clip(mean_interval(accuracy[i]), 0, 100)
         points, error = mean_and_error(accuracy[i] - accuracy[0])
         numbers = {"mean": accuracy[i].mean(), "mean_low": low, "mean_high": high}
         words = {"design": format_design(self.options[i]), "property": property_name}
@@ -121,10 +121,16 @@ class Designs:
     def single_changes(self) -> dict[str, list[int]]:
         """Places of the designs that change one property alone, by property, the finest first."""
         places: dict[str, list[int]] = {}
-        for i in np.argsort(-self.amounts, kind="stable").tolist():
+        bits = [all_costs()["bits_per_s"].value_of_row(result) for result in self.results]
+        for i in np.argsort(-np.array(bits, float), kind="stable").tolist():
             if name := changed_property(self.options[i]):
                 places.setdefault(name, []).append(i)
         return places
+
+    def same_at_full(self, i: int) -> int:
+        """Place of the design with the curve and sampling of another alone; 0 without one."""
+        how = {name: value for name, value in self.options[i].items() if name in HOW}
+        return self.options.index(how) if how in self.options else 0
 
     def new_person(self) -> tuple[np.ndarray, np.ndarray]:
         """Accuracy on each person with the design chosen on others, and with the recorded one."""

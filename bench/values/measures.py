@@ -303,12 +303,14 @@ OF_SYSTEMS = (  # costs of every run
     Cost(
         "taxels",
         **_SKIN,
+        phrase="taxels",
         meaning="wired taxels of the skin",
         help="most taxels",
     ),
     Cost(
         "wires",
         **_SKIN,
+        phrase="wires",
         meaning="the fewer of rows and columns of a matrix, and a wire per taxel and one for all",
         help="most wires to the taxels",
     ),

@@ -7,14 +7,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.commands.run import run_from_python
-from bench.commands.skin import command, search_designs, search_taxels
+from bench.commands.skin import command, describe_choice, search_designs, search_taxels
 from bench.corpora.folder import content_digest, write_folder
 from bench.corpora.synth import generate
 from bench.errors import InputError
 from bench.grammar.options import key_options, parse_arguments
 from bench.ground.scratch import data_folder
 from bench.protocols.subjects import LOSO
-from bench.reading.designs import best_half, changed_property, cheapest_design
+from bench.reading.designs import Designs, best_half, changed_property, cheapest_design
+from bench.reports.designs import draw_designs
+from bench.values.measures import all_costs
 from bench.values.scores import label_captures
 from tests.conftest import predictions, random_corpus, runs
 
@@ -76,6 +78,41 @@ def test_a_design_that_changes_one_property_is_named_after_it():
     assert changed_property({"grid": "4x4", "curve": "log"}) == "grid"
     assert changed_property({"curve": "log"}) == "curve"
     assert changed_property({"grid": "4x4", "bits": 6}) == changed_property({}) == ""
+
+
+def made_designs(options, accuracy, bits):
+    """Designs with accuracies [designs, people] and bits per second, by taxels."""
+    results = []
+    for shares, amount in zip(accuracy, bits, strict=True):
+        scores = {str(i): share for i, share in enumerate(shares)}
+        names = {"accuracy_by_subject": scores, "context": ("d", "all", "LOSO"), "system": "s"}
+        result = type("Run", (dict,), names)(taxels=1.0, bits_per_s=amount, data="d", where="all")
+        results.append(result)
+    amounts, choices = np.ones(len(options)), np.zeros(accuracy.shape[1], int)
+    return Designs(options, results, all_costs()["taxels"], amounts, choices)
+
+
+def test_a_property_is_judged_by_its_finest_value_and_the_same_curve(tmp_path):
+    log = {"curve": "log"}
+    options = [{}, {"rate_hz": 18.0} | log, {"rate_hz": 27.0} | log, log]
+    accuracy = 90.0 + np.array(
+        [[0, 2, 1, 1, 1], [1, 0, 3, 2, 2], [5, 6, 5, 4, 5], [9, 7, 9, 11, 9]]
+    )
+    designs = made_designs(options, accuracy, [9.0, 1.0, 2.0, 9.0])
+    assert designs.single_changes() == {"curve": [3], "rate_hz": [2, 1]}
+    lines = describe_choice(designs)
+    assert "1 taxels instead of 1, " in lines[0]
+    words = "rate_hz: the recorded skin with curve=log gains 4.0 ± 0.9 points over rate_hz=27.0, "
+    assert lines[-1] == f"{words}curve=log, so a finer skin may gain more."
+    assert designs.row(3)["mean_high"] == 100
+    shown = draw_designs(designs, tmp_path)[1].read_text()
+    assert "27, log" in shown and "18, log" in shown
+
+
+def test_without_a_property_alone_there_is_no_figure_of_it(tmp_path):
+    options = [{}, {"grid": "2x2", "bits": 4}]
+    designs = made_designs(options, np.array([[80.0, 85, 90], [70, 80, 75]]), [9.0, 1.0])
+    assert [path.stem for path in draw_designs(designs, tmp_path)] == ["front"]
 
 
 def test_designs_for_a_person_are_chosen_on_stored_runs_that_never_saw_the_person(capsys, tmp_path):
