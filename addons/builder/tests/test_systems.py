@@ -66,7 +66,7 @@ def test_each_person_gets_the_system_that_the_others_choose():
     assert expected["mean"] == 0.1 and expected["mean_low"] is None
 
 
-def test_each_candidate_has_c_and_the_first_can_watch_and_learns_faults():
+def test_each_candidate_has_c_and_one_that_can_watch_learns_faults():
     candidates = candidate_systems(random_corpus(3, 3, grid=(4, 4)))
     can_watch = [
         check_exportable(make_cells({"data": "synth", **values})[0].untrained_system)
@@ -77,9 +77,8 @@ def test_each_candidate_has_c_and_the_first_can_watch_and_learns_faults():
     (steady,) = (i for i, (values, _) in enumerate(candidates) if "model.faults" in values)
     title = system_title(candidates[steady][0])
     trained = "offset_drift+lower_rate+doubled_frames+own_noise"
-    assert steady == 0 and can_watch[steady]
+    assert can_watch[steady]
     assert title == f"lda on touch_profiles, windows of 1 s, trained against {trained}"
-    assert [*seconds.values()][1:] == sorted([*seconds.values()][1:])
     assert seconds[title] > seconds["lda on touch, windows of 1 s"]  # copies, and more features
 
 
@@ -92,24 +91,28 @@ def test_a_stream_can_have_each_fault_of_a_certificate_and_captures_those_to_tra
 
 
 TIME_LEFT = [  # seconds, of which 164 come after a comparison and 20 are its first folds
-    (185, False, 1, ""),
-    (183, False, 1, "it would take about"),
-    (185, True, 1, "it would take about"),  # its folds were too slow before
-    (315, True, 1, ""),
-    (185, False, 2, "it would take about"),  # the other session is tested, too
-    (385, False, 2, ""),
+    (185, False, 1, False, ""),
+    (183, False, 1, False, "it would take about"),
+    (185, True, 1, False, "it would take about"),  # its folds were too slow before
+    (315, True, 1, False, ""),
+    (185, False, 2, False, "it would take about"),  # the other session is tested, too
+    (385, False, 2, False, ""),
+    (233, False, 1, True, "it would take about"),  # the choice is trained against faults, too
+    (235, False, 1, True, ""),
 ]
 
 
-@pytest.mark.parametrize(("left", "was_stopped", "sessions", "reason"), TIME_LEFT)
-def test_another_system_is_run_if_all_that_follows_is_in_time(left, was_stopped, sessions, reason):
+@pytest.mark.parametrize(("left", "was_stopped", "sessions", "hardens", "reason"), TIME_LEFT)
+def test_another_system_is_run_if_all_that_follows_is_in_time(
+    left, was_stopped, sessions, hardens, reason
+):
     corpus = random_corpus(2, 2)
     days = np.where(np.arange(len(corpus)) % sessions, "mon", "tue")
     corpus = corpus.with_fields(captures=corpus.captures.assign(day=days))
     clock = SimpleNamespace(seconds_left=left)
     comparison = systems.Comparison(corpus, {}, Scene(), clock, True, math.inf)
     comparison.slowest, comparison.linking, comparison.longest = 100.0, 10.0, 150.0
-    comparison.was_stopped = was_stopped
+    comparison.was_stopped, comparison.hardens = was_stopped, hardens
     late = comparison._why_late(SimpleNamespace(folds=range(10), workers=2), 5.0)
     assert reason in late and bool(late) is bool(reason)
 

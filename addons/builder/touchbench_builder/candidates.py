@@ -39,7 +39,7 @@ def candidate_systems(
     They are the first trials of ``model=auto`` on windows of ``touch``, one for each model and
     window, one that loses little under faults and, if people are enough, one that chooses its
     settings itself, after the repair of taxels; the smallest system; and the most accurate model
-    with C. The one that is trained against faults is first, then the cheapest.
+    with C. The cheapest is first.
 
     Args:
         corpus: captures.
@@ -66,7 +66,7 @@ def candidate_systems(
             values["model.bits"] = BITS
         seconds = portfolio.expected_fit_seconds(trial, corpus, widths[trial["features"]], classes)
         systems.append((values, seconds * (TUNED_FITS if "lda.tune" in trial else 1)))
-    return sorted(systems, key=lambda pair: ("model.faults" not in pair[0], pair[1]))
+    return sorted(systems, key=lambda pair: pair[1])
 
 
 def _exportable_trials() -> Iterator[dict[str, Any]]:

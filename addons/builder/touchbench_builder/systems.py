@@ -60,6 +60,7 @@ FAULT_TIME, LAST_FIT_TIME = 2.5, 2.0
 # The same of a comparison on streams that learns its detectors: all faults, captures, two
 # sessions; and the last fit, in folds, whose detector is there.
 STREAM_FAULTS_TIME, CAPTURES_TIME, SESSIONS_TIME, LAST_WATCHING_FITS = 1.25, 0.05, 2.0, 0.6
+HARDENING_TIME = 0.5  # of a system that is trained against faults, whose detectors are there
 WRITING_S = 12.0  # of the folder: its C labels all captures and passes its test
 
 
@@ -103,6 +104,7 @@ class Comparison:
         self.left_out: list[str] = []
         self.longest = self.slowest = self.linking = 0.0  # seconds
         self.slowdown, self.was_stopped = 1.0, False
+        self.hardens = False  # whether the choice will be trained against faults
 
     def run_system(self, values: dict[str, Any], fit_seconds: float, place: str) -> Result | None:
         """Run a system and link its C; None if it cannot be run, or would be late.
@@ -162,8 +164,10 @@ class Comparison:
         return f"with its tests and its last fit, it would take {format_estimate(needed)}"
 
     def seconds_after(self, plan: Plan, seconds: float) -> tuple[float, ...]:
-        """Seconds of all that comes after a comparison: its linking, and `later_seconds`."""
-        return (self.linking, *self.later_seconds(plan, max(self.slowest, seconds)))
+        """Seconds of all that comes after a comparison: linking, training against faults, rest."""
+        slowest = max(self.slowest, seconds)
+        hardening = HARDENING_TIME * slowest * self.hardens
+        return (self.linking, hardening, *self.later_seconds(plan, slowest))
 
     def later_seconds(self, plan: Plan, seconds: float) -> tuple[float, float]:
         """Seconds of the remaining tests of a chosen system, and of its last fit and its folder.
@@ -237,6 +241,7 @@ def compare_systems(
     budget = 1000 * budgets.get("cycles", np.inf)
     frame_limit = most_instructions(scene.board, corpus.rate_hz, budget)
     comparison = Comparison(corpus, on, scene, progress, watches, frame_limit)
+    comparison.hardens = faults is None and watches
     for number, (values, fit_seconds) in enumerate(systems, 1):
         comparison.run_system(values, fit_seconds, f"system {number} of {len(systems)}")
     if not comparison.results:
@@ -306,7 +311,7 @@ def _harden(
     Returns:
         Rows of `ChosenSystem.table`, the chosen system, and the system that decides on each person.
     """
-    values = comparison.plans[name][0]
+    values, comparison.hardens = comparison.plans[name][0], False
     if "model.faults" in values or values["model"] == LARGEST_SYSTEM["model"]:  # it has learned
         return [], name, deciding
     result = comparison.run_system(
