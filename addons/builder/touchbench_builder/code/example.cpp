@@ -48,7 +48,9 @@ static void take_frame(unsigned long lost)
     touch_event_t event;
     if (lost)
         tell(touch_missed(&watch, static_cast<uint32_t>(lost), &event), event);
-    int news = touch_watch(&watch, frame, &event); // below 0: the frame was refused, and the status says why
+    int news = touch_watch(&watch, frame, &event);
+    if (news == TOUCH_BAD) // the frame was refused, the status says why: it counts as lost
+        news = touch_missed(&watch, 1, &event);
     tell(news, event);
     int before = status;
     status = touch_status(&watch, nullptr);
