@@ -26,6 +26,7 @@ from touchbench_builder.folder import header_lines, label_with_c, watch_with_c
 from touchbench_builder.stream import (
     count_other_reports,
     people_of_reports,
+    people_of_rows,
     recordings_of_people,
 )
 from touchbench_streams.events import match_tables
@@ -215,6 +216,10 @@ def test_the_certificate_of_recordings_is_that_of_their_stream_and_is_checked_in
     assert stream["alarms"]["people"] == {
         name: [alarms.get(name, 0), pytest.approx(hours[name], abs=1e-6)] for name in hours
     }
+    later = people_of_rows(table, 15.0, 1).touches  # as with TOUCH_DELAY
+    assert (later["latency_s"] - touches["latency_s"]).dropna().to_numpy() == pytest.approx(1 / 15)
+    too_late = people_of_rows(table, 15.0, 10**6)
+    assert not too_late.touches["found"].any() and (too_late.reports["touch"] == -1).all()
     medians = touches.groupby("subject")["latency_s"].median()
     assert stream["latency_s"]["mean"] == pytest.approx(medians.mean(), abs=1e-3)
     seen = touches.groupby("gesture")["label"].value_counts()

@@ -142,7 +142,8 @@ def test_training_against_faults_is_kept_for_whom_the_others_lose_little(flash, 
     comparison.progress = SimpleNamespace(print_line=lines.append)
     deciding = dict.fromkeys("12345678", "lda") | {"2": "tree"}
     rows, name, after = systems._harden(comparison, "lda", dict(deciding), {"flash": 40}, 1.0)
-    assert trained == [{"model": "lda", "model.faults": "+".join(systems.TRAINED_FAULTS)}]
+    faults = "+".join(systems.TRAINED_FAULTS)
+    assert trained == [{"model": "lda", "model.faults": faults, "model.copies": 1}]
     assert name == "lda" and "2.5 points lost" in lines[0]
     assert after == deciding | ({"1": "hard"} if is_kept else {})
     assert rows[0]["accuracy"] == pytest.approx(77.5) and rows[0]["flash"] == flash

@@ -18,6 +18,7 @@ from touchbench_chip.tables import check_exportable
 REPAIR = "stuck+dead+offset"
 # Those of a sensor that cost least without them; the repair subtracts an offset.
 TRAINED_FAULTS = ("offset_drift", "lower_rate", "doubled_frames", "own_noise")
+COPIES = 1  # damaged, of each capture; more cost time and accuracy without faults
 BITS = 8  # of a weight in C; Python rounds to the same if it can
 ROUNDED_MODELS = ("lda", "softmax", "reflex")  # those with model.bits=
 SMALLEST_SYSTEM: dict[str, object] = {"model": "tree", "features": "jung28"}
@@ -65,6 +66,8 @@ def candidate_systems(
         if trial["model"] in ROUNDED_MODELS:
             values["model.bits"] = BITS
         seconds = portfolio.expected_fit_seconds(trial, corpus, widths[trial["features"]], classes)
+        if trial["faults"]:
+            seconds *= (1 + COPIES) / (1 + portfolio.COPIES)
         systems.append((values, seconds * (TUNED_FITS if "lda.tune" in trial else 1)))
     return sorted(systems, key=lambda pair: pair[1])
 
@@ -95,4 +98,4 @@ def system_title(values: Mapping[str, Any]) -> str:
 
 def train_against(faults: Sequence[str]) -> dict[str, object]:
     """Keys of ``bench run`` that train a system against faults."""
-    return {"model.faults": "+".join(faults)} if faults else {}
+    return {"model.faults": "+".join(faults), "model.copies": COPIES} if faults else {}

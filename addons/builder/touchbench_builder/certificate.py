@@ -31,6 +31,7 @@ from touchbench_builder.stream import (
     bounds_of_gestures,
     describe_stream,
     open_stream_captures,
+    people_of_rows,
 )
 from touchbench_builder.systems import WATCH, make_plan, run_plan
 from touchbench_chip.write import hash_fixed_code, poisson_upper_rate
@@ -72,8 +73,9 @@ def make_certificate(
     stream = None
     if choice.watched is not None:
         composed = not comes_from_recordings(open_stream_captures(on, corpus))
-        delay_s = recogniser.watcher.delay / recogniser.rate_hz
-        stream = describe_stream(choice.watched.delayed(delay_s), composed)
+        delay = recogniser.watcher.delay
+        people = people_of_rows(choice.watched, recogniser.rate_hz, delay)
+        stream = describe_stream(people, composed)
     facts = {
         "certificate": CERTIFICATE_VERSION,
         "touchbench": version("touchbench"),

@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from bench.contract import System
     from bench.plan.cells import Cell
     from bench.reading.scene import Board
-    from touchbench_builder.stream import WatchedPeople
     from touchbench_streams.detectors.ticks import TickWatcher
 
 BUILT_TAG = "touchbench.built"  # tag of a model: hash of what it was built from
@@ -53,7 +52,7 @@ class ChosenSystem:
         table: a row per compared system: system, accuracy in percent, flash and ram in kB, verdict.
         systems: the system that is chosen without each person, "" where none is.
         captures: a row per capture, labelled by the system that is chosen without its subject.
-        watched: touches and reports of each person by that system; None without streams.
+        watched: the same of streams, as `touchbench_builder.stream.select_people`; None without.
         left_out: systems that were not compared, with reasons.
         runs: ids of the compared runs.
         limits: budget of each cost.
@@ -67,7 +66,7 @@ class ChosenSystem:
     table: pd.DataFrame
     systems: dict[str, str]
     captures: pd.DataFrame
-    watched: WatchedPeople | None
+    watched: pd.DataFrame | None
     left_out: list[str]
     runs: list[str]
     limits: dict[str, float]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from touchbench_builder.rates import UpperBounds, new_person_rate_bounds, new_pe
 from touchbench_streams import NO_TOUCH
 from touchbench_streams.composer import QUIET, check_background, split_touch_and_background
 from touchbench_streams.detectors.base import UNKNOWN
-from touchbench_streams.events import FALSE_ALARM, match_reports, report_table
+from touchbench_streams.events import FALSE_ALARM, match_reports, match_tables, report_table
 from touchbench_streams.fold import default_background, make_recordings
 from touchbench_streams.recordings import comes_from_recordings
 from touchbench_streams.study import Continuous
@@ -47,11 +47,6 @@ class WatchedPeople:
     touches: pd.DataFrame
     reports: pd.DataFrame
     background_s: Mapping[str, float]
-
-    def delayed(self, seconds: float) -> WatchedPeople:
-        """The same with reports that come later."""
-        touches = self.touches.assign(latency_s=self.touches["latency_s"] + seconds)
-        return replace(self, touches=touches)
 
     def count_right(self, share: str, gesture: str = "") -> pd.DataFrame:
         """Touches of which a share of `SHARES` is true, and all, by person: right, total."""
@@ -139,23 +134,26 @@ def reports_of_news(
     return report_table(rows)
 
 
-def select_people(results: Sequence[Result], systems: Mapping[str, str]) -> WatchedPeople:
-    """Touches and reports of each person by the system that the other people choose.
+def select_people(results: Sequence[Result], systems: Mapping[str, str]) -> pd.DataFrame:
+    """Rows of each person, as stored, of the system that the other people choose.
 
     Args:
         results: runs of ``bench watch``.
         systems: the system of each person.
     """
-    tables = {r.system: r.tables for r in results}
-    touches, reports, background_s = [], [], {}
+    tables = {r.system: r.tables["predictions"] for r in results}
+    parts = []
     for person, system in systems.items():
-        for name, parts in (("touches", touches), ("reports", reports)):
-            table = tables[system][name]
-            parts.append(table[table["subject"].astype(str) == person])
-        by_person = tables[system]["per_subject"].set_index("subject")["background_s"]
-        background_s[person] = float(by_person[person])
-    tables_of_all = (pd.concat(parts, ignore_index=True) for parts in (touches, reports))
-    return WatchedPeople(*tables_of_all, background_s)
+        is_own = tables[system]["subject"].astype(str) == person
+        parts.append(tables[system][is_own])
+    return pd.concat(parts, ignore_index=True)
+
+
+def people_of_rows(rows: pd.DataFrame, rate_hz: float, delay: int) -> WatchedPeople:
+    """Touches and reports of `select_people`; reports come some frames later than stored."""
+    late = delay * (rows["kind"] == "report")
+    rows = rows.assign(reported=rows["reported"] + late, end=rows["end"] + late)
+    return WatchedPeople(*match_tables(rows, rate_hz))
 
 
 def people_of_reports(recordings: Recordings, reports: pd.DataFrame) -> WatchedPeople:
