@@ -303,7 +303,7 @@ SKIN_DESIGNS = Command(
     "cost by=. Prints the cheapest design within one standard error of the recorded skin, and what "
     "each property alone costs. It also chooses a design for each person on other people, and "
     "prints the accuracy on the person left out. skin.grid=, skin.rate_hz=, skin.bits= and the "
-    "other keys of skin= list designs; without them, it tries 26 of usual grids, rates and bits. "
+    "other keys of skin= list designs; without them, it tries usual grids, rates and bits. "
     "Of more than 8 designs, the better half stays in each of three rounds, which test on further "
     "pairs of people. Every evaluation is a stored run, so an interrupted search continues where "
     "it stopped.",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -27,6 +28,7 @@ from bench.grammar.options import (
     parse_option,
     values_from_keywords,
 )
+from bench.ground.progress import warn
 from bench.ground.registry import load_part, load_parts, load_view
 from bench.ground.typed import Values
 from bench.plan.cells import Cell
@@ -35,12 +37,16 @@ from bench.plan.plan import Plan, make_plans
 from bench.reading.frame import runs_table
 from bench.running.loop import run_plans
 from bench.running.workers import FoldExecutor
+from bench.store.database import RunLocked
 from bench.values.result import Result
 from bench.values.table import Table
 
 if TYPE_CHECKING:
     from bench.reports.views.base import View
     from bench.running.circumstances.base import Circumstance
+
+
+WAIT = 10  # seconds until runs of another process are looked for again
 
 
 def command(name: str, values: Values, file: str = "") -> int:
@@ -136,10 +142,18 @@ def run_cells(cells: list[Cell], executor: FoldExecutor) -> list[Result]:
 def run_complete(cells: Sequence[Cell], values: Values) -> list[Result]:
     """Run cells with the workers that typed values name; refuse to go on without one of the folds.
 
+    Waits for cells that another process runs, such as a second search.
+
     Raises:
         InputError: a fold failed.
     """
-    results = run_cells([*cells], make_executor(values))
+    results: list[Result] = []
+    while not results:
+        try:
+            results = run_cells([*cells], make_executor(values))
+        except RunLocked:
+            warn("another process is evaluating what is left; waiting for it")
+            time.sleep(WAIT)
     for result in results:
         for fold, failure in result.errors.items():
             reason = f"{failure.reason}; traceback: {failure.where}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -16,9 +17,9 @@ from bench.commands.printing import (
 )
 from bench.commands.run import run_complete
 from bench.commands.skin_taxels import order_taxels
-from bench.corpora.corpus import Corpus
+from bench.corpora.corpus import Corpus, shared_frames
 from bench.corpora.library import open_corpus
-from bench.errors import InputError, check_value
+from bench.errors import InputError
 from bench.grammar.options import typed_settings
 from bench.ground.typed import Values, format_command
 from bench.plan.cells import Cell, Part
@@ -36,10 +37,12 @@ from bench.reading.designs import (
     pair_accuracies,
 )
 from bench.values.intervals import mean_and_error, mean_interval
-from bench.values.measures import OF_SYSTEMS, Cost, Measure, all_costs, text_measure
+from bench.values.measures import Cost, Measure, all_costs, text_measure
 from bench.values.table import Table
 
-GRIDS, PERIODS, BITS = ((4, 4), (2, 2)), (2, 3), (6, 4)  # tried if no design is typed
+# Tried if no design is typed: grids of at most half of the taxels, periods in frames, and bits
+GRIDS, PERIODS, BITS = ((8, 8), (4, 4), (2, 2)), (2, 3), (6, 4)
+BITS_OF_DECIMALS = 10  # of their finest design, as recorded steps are unknown
 FEW = 8  # designs that all stay in the search
 MOST_APART = 3  # rounds of the search, each with other pairs of people
 
@@ -81,8 +84,7 @@ def search_designs(values: Values) -> Designs:
     stays. Which ones stay for a person depends on others alone.
     """
     settings = typed_settings("skin", values)
-    cost, known = all_costs()[settings["by"]], [each.key for each in OF_SYSTEMS]
-    check_value("by", cost.key, cost.key in known, f"a cost of every run: {', '.join(known)}")
+    cost = all_costs()[settings["by"]]
     cells = _make_designs({k: v for k, v in values.items() if k not in settings})
     recorded = cells[0]
     captures = load_captures(
@@ -145,7 +147,8 @@ def _make_designs(values: Values) -> list[Cell]:
     typed = {key: value for key, value in values.items() if key.startswith("skin.")}
     untyped = {key: value for key, value in values.items() if key not in typed}
     recorded = _only_cell(untyped)
-    designs = make_cells({**values, **(typed or _usual_designs(recorded))})
+    usual = typed or usual_designs(open_corpus(recorded.data, recorded.data_parameters))
+    designs = make_cells({**values, **usual})
     return [recorded, *(cell for cell in designs if cell.skin)]
 
 
@@ -156,14 +159,20 @@ def _changed_options(cell: Cell, captures: Corpus) -> dict[str, object]:
     return {name: value for name, value in options.items() if value != recorded.get(name)}
 
 
-def _usual_designs(cell: Cell) -> dict[str, object]:
-    """Values of designs, each property also as recorded."""
-    corpus = open_corpus(cell.data, cell.data_parameters)
+def usual_designs(corpus: Corpus) -> dict[str, object]:
+    """Values of designs that a recorded skin can stand for, each property also as recorded."""
     rows, cols = corpus.grid
-    grids = [f"{r}x{c}" for r, c in GRIDS if r <= rows and c <= cols and (r, c) != (rows, cols)]
+    grids = [f"{r}x{c}" for r, c in GRIDS if r <= rows and c <= cols and 2 * r * c <= rows * cols]
     rates = [corpus.rate_hz / period for period in PERIODS]
+    is_whole = shared_frames(corpus)[0].dtype.kind in "iu"
+    bits = [n for n in BITS if n < math.log2(corpus.full_scale + 1) or not is_whole]
+    finest = 0 if is_whole else BITS_OF_DECIMALS
     how = {"skin.curve": "log"}
-    return {"skin.grid": ["", *grids], "skin.rate_hz": [0, *rates], "skin.bits": [0, *BITS], **how}
+    return {
+        "skin.grid": ["", *grids],
+        "skin.rate_hz": [0, *rates],
+        "skin.bits": [finest, *bits],
+    } | how
 
 
 def table_of_front(designs: Designs) -> Table:

@@ -21,6 +21,7 @@ def order_taxels(cell: Cell, count: int, values: Values) -> list[TaxelOrder]:
 
     Each step takes the taxel with which the system is the most accurate on people of the half, each
     left out in turn. The accuracy on the other half is of systems trained on all but the person.
+    Recorded taxels that lie in two of the design are wired to neither.
 
     Args:
         cell: the system on one design, whose taxels are all wired.
@@ -33,15 +34,22 @@ def order_taxels(cell: Cell, count: int, values: Values) -> list[TaxelOrder]:
         names = "+".join(design.taxels)
         raise InputError(f"skin.taxels={names}: wired= chooses the taxels; leave one of them out")
     shape = tuple(map(int, design.grid.split("x"))) if design.grid else corpus.grid
-    rows, cols = (np.arange(n) * k // n for n, k in zip(corpus.grid, shape, strict=True))
+    if len(people) < 4:
+        raise InputError(f"wired={count}: two halves of people need four; widen where=")
     number = shape[0] * shape[1]
     check_value("wired", count, 1 <= count < number, f"1 to {number - 1}")
+    rows, cols = map(_taxel_of_line, corpus.grid, shape)
     merged = (rows[:, None] * shape[1] + cols).ravel()  # taxel of each recorded one
+    is_whole = ((rows[:, None] >= 0) & (cols >= 0)).ravel()  # none lies in two taxels
+    places = np.unique(merged[is_whole])
+    recorded = "x".join(map(str, corpus.grid))
+    advice = f"a grid of whole taxels of the recorded {recorded}"
+    check_value("skin.grid", design.grid, len(places) == number, advice)
     is_adding = 2 * count <= number
     orders = []
 
     def wire(changed: Sequence[int], where: str) -> Cell:
-        wired = 1 + np.flatnonzero(np.isin(merged, changed) == is_adding)
+        wired = 1 + np.flatnonzero(is_whole & (np.isin(merged, changed) == is_adding))
         runs = np.split(wired, np.flatnonzero(np.diff(wired) > 1) + 1)
         channels = tuple(f"{run[0]}-{run[-1]}" for run in runs)
         skin = Part("skins", "design", asdict(replace(design, taxels=channels)))
@@ -66,3 +74,10 @@ def order_taxels(cell: Cell, count: int, values: Values) -> list[TaxelOrder]:
         shares = np.array(accuracy)
         orders.append(TaxelOrder(half, verb, order.reshape(shape), wired.tolist(), shares))
     return orders
+
+
+def _taxel_of_line(count: int, wanted: int) -> np.ndarray:
+    """Merged line that each recorded one lies in; -1 for a line that lies in two."""
+    lines = np.arange(count)
+    first, last = lines * wanted // count, ((lines + 1) * wanted - 1) // count
+    return np.where(first == last, first, -1)

@@ -15,7 +15,7 @@ from bench.errors import InputError, suggest_names
 from bench.ground.registry import import_object, load_part, load_parts, registered_parts
 from bench.ground.typed import DEFAULTS, Values, expand_home, parse_option, parse_value
 from bench.ground.typed import Option as Option
-from bench.values.measures import all_costs, costs_by_budget
+from bench.values.measures import OF_SYSTEMS, all_costs, costs_by_budget
 
 LOCAL_EXECUTOR = (
     "bench.running.workers:local_executor"  # as text: this room must not import `running`
@@ -171,7 +171,8 @@ def command_options(name: str, typed: Iterable[str] | None = None) -> dict[str, 
             added = options_of_packages(name) | options_of_packages("makers")
     options |= added
     if "by" in options:
-        options["by"] = replace(options["by"], values=tuple(all_costs()))
+        known = all_costs() if command.budgets else [cost.key for cost in OF_SYSTEMS]
+        options["by"] = replace(options["by"], values=tuple(known))
     for key, cost in costs_by_budget().items() if command.budgets else ():
         if command.budgets == "all" or "captures" in cost.measured_on:
             options[key] = Option(key, "amount", None, cost.help)

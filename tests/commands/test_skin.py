@@ -1,21 +1,36 @@
 """The search of a skin: pairs of people, the choice for a person, its runs and figures."""
 
+import itertools
+import re
+from contextlib import ExitStack
+
 import numpy as np
 import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.commands.run import run_from_python
-from bench.commands.skin import command, describe_choice, search_designs, search_taxels
+from bench.commands.run import run_complete, run_from_python
+from bench.commands.skin import (
+    command,
+    describe_choice,
+    search_designs,
+    search_taxels,
+    usual_designs,
+)
+from bench.corpora.corpus import Corpus
 from bench.corpora.folder import content_digest, write_folder
+from bench.corpora.skin import Design
 from bench.corpora.synth import generate
 from bench.errors import InputError
 from bench.grammar.options import key_options, parse_arguments
 from bench.ground.scratch import data_folder
+from bench.plan.grid import make_cells
+from bench.plan.plan import make_plans
 from bench.protocols.subjects import LOSO
 from bench.reading.designs import Designs, best_half, changed_property, cheapest_design
 from bench.reports.designs import draw_designs
+from bench.store.database import lock_run
 from bench.values.measures import all_costs
 from bench.values.scores import label_captures
 from tests.conftest import predictions, random_corpus, runs
@@ -189,12 +204,44 @@ def test_taxels_are_added_or_removed_by_the_accuracy_on_a_half_of_the_people(
 
 
 @pytest.mark.parametrize(
+    ("frames", "full_scale", "grids", "bits"),
+    [
+        (np.zeros((2, 19, 24), np.uint16), 1023.0, ["", "8x8", "4x4", "2x2"], [0, 6, 4]),
+        (np.zeros((2, 6, 6), np.uint16), 31.0, ["", "4x4", "2x2"], [0, 4]),
+        (np.zeros((2, 2, 2), np.float32), 4.5, [""], [10, 6, 4]),
+    ],
+)
+def test_usual_designs_are_those_that_a_recorded_skin_can_stand_for(
+    frames, full_scale, grids, bits
+):
+    table = pd.DataFrame({"subject": [*"123"], "gesture": "tap"})
+    corpus = Corpus.from_captures([frames] * 3, table, 60.0, full_scale=full_scale, name="d")
+    designs = usual_designs(corpus)
+    assert (designs["skin.grid"], designs["skin.bits"]) == (grids, bits)
+    for values in itertools.product(grids, designs["skin.rate_hz"], bits):
+        Design(*values, curve="log").convert(corpus)
+
+
+def test_a_taxel_of_a_grid_that_does_not_divide_is_wired_alone(tmp_path):
+    store_corpus("tiny", random_corpus(subjects=4, per_class=2, grid=(5, 3)))
+    line = f"data=tiny model=lda features=jung28 jobs=1 skin.grid=2x1 out={tmp_path} wired=1"
+    orders = search_taxels(parse_skin(line))
+    assert [order.order.sum() for order in orders] == [1, 1]
+    _, stored = runs("cell")
+    wired = "".join(run.data.params["skin.taxels"] for run in stored)
+    assert {*re.findall(r"\d+-\d+", wired)} == {"1-6", "10-15"}
+    assert {run.data.metrics["taxels"] for run in stored} == {1.0}
+
+
+@pytest.mark.parametrize(
     ("line", "words"),
     [
+        (f"{SMALL} skin.grid=7x8 wired=4", "skin.grid=7x8: give a grid of whole taxels"),
+        ("data.subjects=3 model=lda features=jung28 skin.grid=2x2 wired=2", "halves of people"),
         (f"{SMALL} skin.grid=2x2 wired=4", "wired=4: give 1 to 3"),
         (f"{SMALL} skin.taxels=1-8 wired=4", "skin.taxels=1-8: wired= chooses the taxels"),
         (f"{SMALL} by=wires wired=4", "by= and wired= exclude each other"),
-        (f"{SMALL} by=worst_person", "by=worst_person: give a cost of every run"),
+        (f"{SMALL} by=worst_person", "by=worst_person: known: "),
         ("protocol=kfold", "protocol=kfold: bench skin sets it"),
         ("model=lda,svm features=jung28", "one system"),
         ("data.subjects=2 model=lda features=jung28", "three are needed"),
@@ -204,6 +251,17 @@ def test_taxels_are_added_or_removed_by_the_accuracy_on_a_half_of_the_people(
 def test_what_cannot_be_searched_is_refused_in_a_line(line, words):
     with pytest.raises(InputError, match=words):
         command(parse_skin(line))
+
+
+def test_a_search_waits_for_what_another_process_runs(monkeypatch, capsys):
+    values = parse_skin(f"{SMALL} skin.grid=2x2")
+    cells = make_cells(values)
+    (plan,) = make_plans(cells, 1)
+    with ExitStack() as other:
+        other.enter_context(lock_run(plan.key))
+        monkeypatch.setattr("bench.commands.run.time.sleep", lambda _: other.close())
+        (result,) = run_complete(cells, values)
+    assert result.is_complete and "waiting for it" in capsys.readouterr().err
 
 
 def test_a_folder_that_cannot_be_written_is_refused_before_the_search(tmp_path, monkeypatch):
