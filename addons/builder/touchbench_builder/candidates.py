@@ -66,8 +66,6 @@ def candidate_systems(
         if trial["model"] in ROUNDED_MODELS:
             values["model.bits"] = BITS
         seconds = portfolio.expected_fit_seconds(trial, corpus, widths[trial["features"]], classes)
-        if trial["faults"]:
-            seconds *= (1 + COPIES) / (1 + portfolio.COPIES)
         systems.append((values, seconds * (TUNED_FITS if "lda.tune" in trial else 1)))
     return sorted(systems, key=lambda pair: pair[1])
 
