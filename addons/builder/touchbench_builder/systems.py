@@ -61,7 +61,7 @@ FAULT_TIME, LAST_FIT_TIME = 2.5, 2.0
 # sessions; and the last fit, in folds, whose detector is there.
 STREAM_FAULTS_TIME, CAPTURES_TIME, SESSIONS_TIME, LAST_WATCHING_FITS = 1.25, 0.05, 2.0, 0.6
 HARDENING_TIME = 0.5  # of a system that is trained against faults, whose detectors are there
-WRITING_S = 12.0  # of the folder: its C labels all captures and passes its test
+WRITING_S = 16.0  # of the folder: its C labels all captures and passes its test
 
 
 class Comparison:
@@ -341,7 +341,7 @@ def parse_trained_faults(typed: str) -> tuple[str, ...] | None:
     """Faults of ``faults=``: () for none, and None if the build decides."""
     if typed in ("none", "auto"):
         return () if typed == "none" else None
-    return parse_fault_names("faults", typed.split("+"), usual_faults())
+    return parse_fault_names("faults", typed.replace(",", "+").split("+"), usual_faults())
 
 
 def clean_losses(plain: Result, hardened: Result) -> pd.Series:
