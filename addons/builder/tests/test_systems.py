@@ -133,10 +133,12 @@ def test_training_against_faults_is_kept_for_whom_the_others_lose_little(flash, 
     trained = []
 
     def run_system(values, seconds, place):
+        assert not comparison.was_stopped  # of another system that was too slow
         trained.append(values)
         return hard
 
     comparison = SimpleNamespace(plans={"lda": ({"model": "lda"}, None)}, results=[plain])
+    comparison.was_stopped = True
     comparison.costs = {"hard": {"flash_bytes": 1e3 * flash, "needed_ram_bytes": 1e3}}
     comparison.costs["hard"]["most_instructions"] = 1e5
     comparison.run_system, lines = run_system, []

@@ -311,7 +311,8 @@ def _harden(
     Returns:
         Rows of `ChosenSystem.table`, the chosen system, and the system that decides on each person.
     """
-    values, comparison.hardens = comparison.plans[name][0], False
+    values = comparison.plans[name][0]
+    comparison.hardens = comparison.was_stopped = False  # its own folds tell whether it is late
     if "model.faults" in values or values["model"] == LARGEST_SYSTEM["model"]:  # it has learned
         return [], name, deciding
     result = comparison.run_system(
