@@ -16,9 +16,9 @@ from bench.models.search import portfolio
 from touchbench_chip.tables import check_exportable
 
 REPAIR = "stuck+dead+offset"
-# Those of a sensor that cost least without them; the repair subtracts an offset.
+# What training against them costs without faults is small; the repair subtracts an offset.
 TRAINED_FAULTS = ("offset_drift", "lower_rate", "doubled_frames", "own_noise")
-COPIES = 1  # damaged, of each capture; more cost time and accuracy without faults
+COPIES = 1  # damaged, of each capture; more cost time and first labels: docs/faults.md
 BITS = 8  # of a weight in C; Python rounds to the same if it can
 ROUNDED_MODELS = ("lda", "softmax", "reflex")  # those with model.bits=
 SMALLEST_SYSTEM: dict[str, object] = {"model": "tree", "features": "jung28"}

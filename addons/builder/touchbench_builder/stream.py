@@ -30,7 +30,7 @@ SHARES = {"found": "found", "first": "first_correct", "last": "end_correct"}  # 
 CONFIDENCES = (0.5, 0.7, 0.9)
 MISSED = "missed"  # column of the confusions
 ENDED = 3  # TOUCH_ENDED
-COMPARED_S = 600.0  # of a recording, most, whose reports in C are compared with those of Python
+COMPARED_S = 600.0  # most seconds of a recording in which the C is compared with Python
 FEWEST_PEOPLE = 3  # a person is left out twice, of training and of the choice of a threshold
 
 

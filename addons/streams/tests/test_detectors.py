@@ -159,9 +159,11 @@ def test_many_recordings_and_levels_at_once_have_the_signs_of_each_alone(steps, 
     evidence = np.hstack([evidence, np.tile([0, times[0]], (len(steps), 1))])
     evidence = [evidence, evidence[5:], evidence[:1], evidence[:2]]
     detectors, levels = 2 * detectors, np.array([-3.0, 0.0, 1.5, 4.0])
-    found, expected = (of.find_signs(detectors, evidence, levels) for of in (Frames, Detector))
-    for of_found, of_expected in zip(found, expected, strict=True):
-        np.testing.assert_array_equal(of_found, of_expected)
+    plain = [Threshold()] * 4, np.array([0.5, 1.0, 2.0, 4.0])
+    for ones, at in ((detectors, levels), plain):
+        found, expected = (of.find_signs(ones, evidence, at) for of in (type(ones[0]), Detector))
+        for of_found, of_expected in zip(found, expected, strict=True):
+            np.testing.assert_array_equal(of_found, of_expected)
 
 
 def test_signs_of_short_recordings_take_no_more_memory_beside_a_long_one():

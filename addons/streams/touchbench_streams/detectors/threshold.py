@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
@@ -89,6 +90,25 @@ class Threshold(Detector):
     def rules(self, level: float) -> TwoInARow:
         """Rules of a new stream."""
         return TwoInARow(level)
+
+    @classmethod
+    def find_signs(
+        cls, detectors: Sequence[Self], evidence: Sequence[np.ndarray], levels: np.ndarray
+    ) -> Iterator[np.ndarray]:
+        """As of `Detector`; all levels at once."""
+        if cls.rules is not Threshold.rules:  # a subclass decides otherwise
+            yield from super().find_signs(detectors, evidence, levels)
+            return
+        for series in evidence:
+            since, is_reported = np.zeros(len(levels), np.int64), np.zeros(len(levels), bool)
+            excess = np.maximum(series[:, :1].astype(np.float64), 0)
+            signs = np.stack([excess / (excess + levels)] * 3, axis=2)
+            for i, value in enumerate(series[:, 0].astype(np.float64)):
+                since = (since + 1) * (value > np.where(is_reported, ENDS * levels, levels))
+                report = (since == 2) & ~is_reported
+                is_reported = (since > 0) & (is_reported | report)
+                signs[i, :, 1], signs[i, :, 2] = since, report
+            yield signs
 
     def in_c(self) -> DetectorC:
         """As of `touchbench_streams.detectors.detector.Detector`."""
